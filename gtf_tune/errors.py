@@ -1,0 +1,43 @@
+"""Define every error that gtf-tune raises on purpose.
+
+::
+
+    GtfTuneError
+    |-- DefinitionError      a study definition, a flag or a search space is wrong
+    |   `-- OptionError      a pipeline option is unknown, of the wrong type or refused
+    |-- SequenceError        images, timestamps, intrinsics or a data-set layout are wrong
+    |-- TrajectoryError      a trajectory is unreadable, or a pair of them cannot be aligned
+    |-- RunError             one run of a pipeline failed, with the reason
+    `-- StorageError         the database is missing, damaged, locked, too old or says otherwise
+
+Every message is one sentence (what was expected, what came, where), then what to do. The command line prints it and
+exits with 1; any other exception is a defect and keeps its traceback.
+"""
+
+
+class GtfTuneError(Exception):
+    """Signal a fault that the user can understand and mend."""
+
+
+class DefinitionError(GtfTuneError):
+    """Signal a study definition, flag or search space that cannot be used."""
+
+
+class OptionError(DefinitionError):
+    """Signal a pipeline option that is unknown, of the wrong type or refused by the pipeline."""
+
+
+class SequenceError(GtfTuneError):
+    """Signal images, timestamps, intrinsics or a layout that cannot be read."""
+
+
+class TrajectoryError(GtfTuneError):
+    """Signal a trajectory that cannot be read, or a pair that cannot be associated or aligned."""
+
+
+class RunError(GtfTuneError):
+    """Signal that one run of a pipeline failed; the message is the reason stored with the run."""
+
+
+class StorageError(GtfTuneError):
+    """Signal a database that cannot be opened, read or written as asked."""

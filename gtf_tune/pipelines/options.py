@@ -1,0 +1,126 @@
+"""Describe, look up and check the tunable options of a pipeline."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+
+from gtf_tune.errors import OptionError
+
+OptionValue = bool | int | float | str
+
+_SUGGESTIONS = 3
+
+
+@dataclass(frozen=True)
+class OptionSpec:
+    """Describe one tunable option of a pipeline.
+
+    ``name`` is the dotted path, ``choices`` the allowed words of an enumeration (empty otherwise), ``stage`` the part of
+    the pipeline that reads the option, ``low`` and ``high`` optional inclusive bounds.
+    """
+
+    name: str
+    default: OptionValue
+    documentation: str = ""
+    choices: tuple[str, ...] = ()
+    stage: str = ""
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def kind(self) -> str:
+        """Name the type of the option as a user writes it: bool, int, float, str or enum."""
+        return "enum" if self.choices else type(self.default).__name__
+
+
+def _accept_all(_: Mapping[str, OptionValue]) -> None:
+    """Accept any combination of values."""
+
+
+@dataclass(frozen=True)
+class OptionTable:
+    """Hold every option of a pipeline and check values against it.
+
+    ``check_together`` receives values that are right one by one and raises `OptionError` where the program refuses them
+    (COLMAP's own ``check()``).
+    """
+
+    pipeline: str
+    specs: Mapping[str, OptionSpec]
+    check_together: Callable[[Mapping[str, OptionValue]], None] = field(default=_accept_all, repr=False)
+
+    def check(self, values: Mapping[str, object]) -> dict[str, OptionValue]:
+        """Return the values in their canonical types, or raise one `OptionError` that names every fault."""
+        checked: dict[str, OptionValue] = {}
+        faults: list[str] = []
+        for name, value in values.items():
+            try:
+                checked[name] = self.check_one(name, value)
+            except OptionError as error:
+                faults.append(str(error))
+        if faults:
+            raise OptionError("; ".join(faults))
+        self.check_together(checked)
+        return dict(sorted(checked.items()))
+
+    def check_one(self, name: str, value: object) -> OptionValue:
+        """Return one value in its canonical type, or raise `OptionError` with the nearest valid names."""
+        spec = self.specs.get(name)
+        if spec is None:
+            raise OptionError(self._unknown(name))
+        return _convert(spec, value)
+
+    def _unknown(self, name: str) -> str:
+        near = get_close_matches(name, self.specs, n=_SUGGESTIONS, cutoff=0.5)
+        last = name.rsplit(".", 1)[-1]
+        near += [known for known in self.specs if known.rsplit(".", 1)[-1] == last and known not in near][:_SUGGESTIONS]
+        hint = f"did you mean {' or '.join(repr(one) for one in near)}? " if near else ""
+        return (
+            f"unknown option '{name}' for pipeline '{self.pipeline}'; {hint}"
+            f"Run 'gtf-tune pipeline options {self.pipeline}'"
+        )
+
+
+def _convert(spec: OptionSpec, value: object) -> OptionValue:
+    converted = _convert_type(spec, value)
+    if isinstance(converted, int | float) and not isinstance(converted, bool):
+        low = float("-inf") if spec.low is None else spec.low
+        high = float("inf") if spec.high is None else spec.high
+        if not low <= converted <= high:
+            raise OptionError(f"option '{spec.name}' must lie in [{low:g}, {high:g}], not {converted!r}")
+    return converted
+
+
+def _convert_type(spec: OptionSpec, value: object) -> OptionValue:
+    wrong = OptionError(f"option '{spec.name}' takes {_article(spec)}, not {value!r}")
+    if spec.choices:
+        if value not in spec.choices:
+            raise wrong
+        return str(value)
+    default = spec.default
+    if isinstance(default, bool):
+        if not isinstance(value, bool):
+            raise wrong
+        return value
+    if isinstance(value, bool):
+        raise wrong
+    if isinstance(default, int):
+        if isinstance(value, float) and value.is_integer():
+            value = int(value)
+        if not isinstance(value, int):
+            raise wrong
+        return value
+    if isinstance(default, float):
+        if not isinstance(value, int | float) or value != value:
+            raise wrong
+        return float(value)
+    if not isinstance(value, str):
+        raise wrong
+    return value
+
+
+def _article(spec: OptionSpec) -> str:
+    if spec.choices:
+        return "one of " + ", ".join(spec.choices)
+    words = {"bool": "true or false", "int": "a whole number", "float": "a number", "str": "a text"}
+    return words[spec.kind]

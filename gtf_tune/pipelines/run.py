@@ -1,0 +1,86 @@
+"""Hold runs as values: what identifies a run and what comes out of it."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from gtf_tune.pipelines.base import DiagnosticValue, Pipeline
+from gtf_tune.pipelines.options import OptionValue
+from gtf_tune.sequence import ImageSource, Sequence
+from gtf_tune.trajectory import Trajectory
+
+RunKind = Literal["clean", "noisy"]
+RunStatus = Literal["ok", "failed"]
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """Identify one run: a pipeline with options on one clean or noisy copy of one sequence.
+
+    ``index`` counts the clean or the noisy runs from 0. ``noise_sigma`` is in grey levels, 0 for clean runs. Both seeds are
+    non-negative; ``noise_seed`` is 0 for clean runs, so that all of them share one set of images.
+    """
+
+    pipeline: Pipeline
+    options: Mapping[str, OptionValue]
+    sequence: Sequence
+    kind: RunKind
+    index: int
+    noise_sigma: float
+    noise_seed: int
+    seed: int
+    threads: int = 1
+
+    @property
+    def images(self) -> ImageSource:
+        """Return the images that the run reads."""
+        return ImageSource(self.sequence, sigma=self.noise_sigma, seed=self.noise_seed)
+
+    @property
+    def key(self) -> str:
+        """Return the hex SHA-256 of everything that the result depends on."""
+        return digest(
+            {
+                "pipeline": self.pipeline.name,
+                "version": self.pipeline.version,
+                "settings": dict(self.pipeline.settings),
+                "options": dict(self.options),
+                "images": self.images.key,
+                "camera": self.sequence.camera.key if self.sequence.camera else "unknown",
+                "kind": self.kind,
+                "index": self.index,
+                "seed": self.seed,
+                "threads": self.threads,
+            }
+        )
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """Hold how a run ended.
+
+    A failed run has an empty trajectory and a one-sentence ``error``. ``wall_s`` is what the child process took,
+    ``peak_memory_bytes`` its largest resident set, ``log`` the end of what it printed.
+    """
+
+    status: RunStatus
+    trajectory: Trajectory
+    error: str = ""
+    diagnostics: Mapping[str, DiagnosticValue] = field(default_factory=dict)
+    wall_s: float = 0.0
+    peak_memory_bytes: int = 0
+    host: str = ""
+    started_at: float = 0.0
+    versions: Mapping[str, str] = field(default_factory=dict)
+    log: str = ""
+
+
+def digest(value: object) -> str:
+    """Return the hex SHA-256 of a JSON-serialisable value in canonical form.
+
+    Floats are written by `repr`, so that equal keys mean equal bits.
+    """
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=True)
+    return hashlib.sha256(text.encode()).hexdigest()

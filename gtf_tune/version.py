@@ -1,0 +1,5 @@
+"""Hold the version of the package, read from its metadata."""
+
+from importlib.metadata import version
+
+__version__ = version("gtf-tune")
