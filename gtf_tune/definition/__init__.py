@@ -1,0 +1,29 @@
+"""Define a study: the TOML file, its checks, and what every field means."""
+
+from gtf_tune.definition.gtf import GtfDefinition, NoisyRuns
+from gtf_tune.definition.loading import definition_from_dict, dump_definition, load_definition, read_toml
+from gtf_tune.definition.model import (
+    LimitsDefinition,
+    PipelineDefinition,
+    SearchDefinition,
+    SequenceDefinition,
+    StudyDefinition,
+)
+from gtf_tune.definition.space import Axis, RangeAxis, ValuesAxis
+
+__all__ = [
+    "Axis",
+    "GtfDefinition",
+    "LimitsDefinition",
+    "NoisyRuns",
+    "PipelineDefinition",
+    "RangeAxis",
+    "SearchDefinition",
+    "SequenceDefinition",
+    "StudyDefinition",
+    "ValuesAxis",
+    "definition_from_dict",
+    "dump_definition",
+    "load_definition",
+    "read_toml",
+]

@@ -1,0 +1,68 @@
+"""Define how a setting is scored: runs, noise, metric, aggregate, feasibility."""
+
+from typing import Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from gtf_tune.definition.base import Section
+
+_MAX_GREY = 255
+
+
+class NoisyRuns(Section):
+    """Let the number of noisy runs of a trial grow from ``min`` to ``max`` while the decision is open."""
+
+    min: int = Field(default=3, ge=2)
+    max: int = Field(default=12, ge=2)
+
+    @model_validator(mode="after")
+    def _check_order(self) -> Self:
+        if self.min > self.max:
+            raise ValueError(f"min must not exceed max, not {self.min} and {self.max}")
+        return self
+
+
+class GtfDefinition(Section):
+    """Define the score of a trial (paper, section "GTF ATE").
+
+    ``clean_runs`` is k, ``noisy_runs`` is k_delta, ``noise_sigma`` is in grey levels (0..255). ``coverage_floor`` is
+    the fraction of nominal coverage that every run must reach. ``common_noise`` gives run j of every trial the same
+    noise. ``rpe_delta`` is in ``rpe_delta_unit`` and only read by the rpe metrics.
+    """
+
+    clean_runs: int = Field(default=2, ge=1)
+    noisy_runs: int | NoisyRuns = 6
+    noise_sigma: float | Literal["auto"] = 5.0
+    metric: Literal["ate", "rpe_translation", "rpe_rotation"] = "ate"
+    alignment: Literal["sim3", "se3", "none"] = "sim3"
+    aggregate: Literal["mean", "median", "gmean", "trimmed"] = "mean"
+    normalise: Literal["extent", "none"] = "extent"
+    common_noise: bool = True
+    coverage_floor: float = Field(default=0.95, ge=0, le=1)
+    rpe_delta: float = Field(default=1.0, gt=0)
+    rpe_delta_unit: Literal["frames", "seconds", "metres"] = "frames"
+    rpe_pairs: Literal["all", "consecutive"] = "all"
+
+    @field_validator("noisy_runs")
+    @classmethod
+    def _check_noisy_runs(cls, runs: int | NoisyRuns) -> int | NoisyRuns:
+        if isinstance(runs, int) and runs < 1:
+            raise ValueError(f"should be at least 1, not {runs}")
+        return runs
+
+    @field_validator("noise_sigma")
+    @classmethod
+    def _check_noise_sigma(cls, sigma: float | str) -> float | str:
+        if not isinstance(sigma, str) and not 0 < sigma <= _MAX_GREY:
+            raise ValueError(f"should lie in (0, 255] grey levels or be 'auto', not {sigma:g}")
+        return sigma
+
+    @property
+    def noisy_runs_min(self) -> int:
+        """Return how many noisy runs every trial gets."""
+        return self.noisy_runs if isinstance(self.noisy_runs, int) else self.noisy_runs.min
+
+    @property
+    def noisy_runs_max(self) -> int:
+        """Return how many noisy runs a trial gets at the most."""
+        return self.noisy_runs if isinstance(self.noisy_runs, int) else self.noisy_runs.max

@@ -1,0 +1,109 @@
+"""Define a whole study: pipeline, sequences, space, score, search and limits."""
+
+import re
+from typing import Literal, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from gtf_tune.definition.base import Section
+from gtf_tune.definition.gtf import GtfDefinition
+from gtf_tune.definition.space import Axis
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+
+
+class PipelineDefinition(Section):
+    """Name the pipeline, the options held fixed, and settings that are not options (``pairing = "sequential"``)."""
+
+    name: str
+    options: dict[str, bool | int | float | str] = {}
+    settings: dict[str, bool | int | float | str | list[str] | dict[str, object]] = {}
+
+
+class CameraDefinition(Section):
+    """Give the intrinsics by hand: a COLMAP camera model and its parameters (pixel centres at +0.5)."""
+
+    model: str
+    params: list[float]
+
+
+class SequenceDefinition(Section):
+    """Name one sequence and say which of its frames are used.
+
+    ``path`` is relative to the definition file. ``camera = "unknown"`` ignores the intrinsics that the data set has.
+    ``holdout`` sequences are only evaluated at confirmation.
+    """
+
+    name: str
+    path: str
+    layout: str = "auto"
+    camera: CameraDefinition | Literal["auto", "unknown"] = "auto"
+    start: int | None = Field(default=None, ge=0)
+    stop: int | None = Field(default=None, ge=1)
+    stride: int | None = Field(default=None, ge=1)
+    max_frames: int | None = Field(default=None, ge=2)
+    rate_hz: float | None = Field(default=None, gt=0)
+    max_image_size: int | None = Field(default=None, ge=16)
+    holdout: bool = False
+
+    @field_validator("name")
+    @classmethod
+    def _check_name(cls, name: str) -> str:
+        return check_name(name)
+
+
+class SearchDefinition(Section):
+    """Define the search: sampler, budget in trials (nominal included) and seed."""
+
+    sampler: Literal["grid", "tpe", "gp", "cmaes", "qmc", "random"] = "tpe"
+    trials: int | None = Field(default=None, ge=1)
+    seed: int = Field(default=0, ge=0, lt=2**31)
+    pruner: Literal["none", "wilcoxon"] = "none"
+
+
+class LimitsDefinition(Section):
+    """Define what one run may take."""
+
+    run_timeout_s: float = Field(default=600.0, gt=0)
+    run_memory_gb: float = Field(default=8.0, gt=0)
+
+
+class StudyDefinition(Section):
+    """Define a study; the whole of it is stored with the study."""
+
+    name: str
+    pipeline: PipelineDefinition
+    sequences: list[SequenceDefinition] = Field(min_length=1)
+    space: dict[str, Axis] = Field(min_length=1)
+    gtf: GtfDefinition = GtfDefinition()
+    search: SearchDefinition = SearchDefinition()
+    limits: LimitsDefinition = LimitsDefinition()
+
+    @field_validator("name")
+    @classmethod
+    def _check_name(cls, name: str) -> str:
+        return check_name(name)
+
+    @model_validator(mode="after")
+    def _check_together(self) -> Self:
+        names = [sequence.name for sequence in self.sequences]
+        if len(set(names)) < len(names):
+            raise ValueError("sequences must have different names")
+        if all(sequence.holdout for sequence in self.sequences):
+            raise ValueError("at least one sequence must not be a holdout")
+        both = sorted(set(self.space) & set(self.pipeline.options))
+        if both:
+            raise ValueError(f"an option is either fixed or searched, not both: {', '.join(both)}")
+        return self
+
+    @property
+    def searched_sequences(self) -> list[SequenceDefinition]:
+        """Return the sequences that the search sees."""
+        return [sequence for sequence in self.sequences if not sequence.holdout]
+
+
+def check_name(name: str) -> str:
+    """Return the name of a study or a sequence, or raise `ValueError`."""
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"should be 1 to 100 letters, digits, '.', '_' or '-', not {name!r}")
+    return name
