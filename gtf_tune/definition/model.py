@@ -16,8 +16,8 @@ class PipelineDefinition(Section):
     """Name the pipeline, the options held fixed, and settings that are not options (``pairing = "sequential"``)."""
 
     name: str
-    options: dict[str, bool | int | float | str] = {}
-    settings: dict[str, bool | int | float | str | list[str] | dict[str, object]] = {}
+    options: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    settings: dict[str, bool | int | float | str | list[str] | dict[str, object]] = Field(default_factory=dict)
 
 
 class CameraDefinition(Section):

@@ -28,9 +28,9 @@ class Stages(Protocol):
 class PipelineJob:
     """Hold what one run of a pipeline works on.
 
-    ``images`` are the clean or noisy grey images, ``camera`` the intrinsics in COLMAP's convention or ``None`` where they
-    are unknown, ``options`` the checked values that differ from the pipeline's defaults, ``seed`` a non-negative 31-bit
-    number, ``workspace`` an empty folder of the run's own.
+    ``images`` are the clean or noisy grey images, ``camera`` the intrinsics in COLMAP's convention or ``None`` where
+    they are unknown, ``options`` the checked values that differ from the pipeline's defaults, ``seed`` a non-negative
+    31-bit number, ``workspace`` an empty folder of the run's own.
     """
 
     images: ImageSource
@@ -76,8 +76,8 @@ class Pipeline(Protocol):
         """Return the trajectory that the program finds for the job.
 
         Equal jobs with ``threads = 1`` give equal trajectories on one machine wherever the program allows it. Writes
-        only below ``job.workspace`` and through ``job.stages``; may print, the caller keeps the output as the run's log.
-        May hang, leak or abort: the caller runs it in a child process with a time and a memory limit.
+        only below ``job.workspace`` and through ``job.stages``; may print, the caller keeps the output as the run's
+        log. May hang, leak or abort: the caller runs it in a child process with a time and a memory limit.
 
         Raises
         ------

@@ -15,8 +15,8 @@ _SUGGESTIONS = 3
 class OptionSpec:
     """Describe one tunable option of a pipeline.
 
-    ``name`` is the dotted path, ``choices`` the allowed words of an enumeration (empty otherwise), ``stage`` the part of
-    the pipeline that reads the option, ``low`` and ``high`` optional inclusive bounds.
+    ``name`` is the dotted path, ``choices`` the allowed words of an enumeration (empty otherwise), ``stage`` the part
+    of the pipeline that reads the option, ``low`` and ``high`` optional inclusive bounds.
     """
 
     name: str
@@ -92,34 +92,17 @@ def _convert(spec: OptionSpec, value: object) -> OptionValue:
 
 
 def _convert_type(spec: OptionSpec, value: object) -> OptionValue:
-    wrong = OptionError(f"option '{spec.name}' takes {_article(spec)}, not {value!r}")
-    if spec.choices:
-        if value not in spec.choices:
-            raise wrong
-        return str(value)
-    default = spec.default
-    if isinstance(default, bool):
-        if not isinstance(value, bool):
-            raise wrong
-        return value
-    if isinstance(value, bool):
-        raise wrong
-    if isinstance(default, int):
-        if isinstance(value, float) and value.is_integer():
-            value = int(value)
-        if not isinstance(value, int):
-            raise wrong
-        return value
-    if isinstance(default, float):
-        if not isinstance(value, int | float) or value != value:
-            raise wrong
-        return float(value)
-    if not isinstance(value, str):
-        raise wrong
+    if isinstance(value, float) and value.is_integer() and spec.kind == "int":
+        value = int(value)
+    if isinstance(value, int) and not isinstance(value, bool) and spec.kind == "float":
+        value = float(value)
+    right = value in spec.choices if spec.choices else type(value) is type(spec.default) and value == value
+    if not right or not isinstance(value, bool | int | float | str):
+        raise OptionError(f"option '{spec.name}' takes {_kind_in_words(spec)}, not {value!r}")
     return value
 
 
-def _article(spec: OptionSpec) -> str:
+def _kind_in_words(spec: OptionSpec) -> str:
     if spec.choices:
         return "one of " + ", ".join(spec.choices)
     words = {"bool": "true or false", "int": "a whole number", "float": "a number", "str": "a text"}

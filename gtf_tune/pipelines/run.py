@@ -19,8 +19,8 @@ RunStatus = Literal["ok", "failed"]
 class RunRequest:
     """Identify one run: a pipeline with options on one clean or noisy copy of one sequence.
 
-    ``index`` counts the clean or the noisy runs from 0. ``noise_sigma`` is in grey levels, 0 for clean runs. Both seeds are
-    non-negative; ``noise_seed`` is 0 for clean runs, so that all of them share one set of images.
+    ``index`` counts the clean or the noisy runs from 0. ``noise_sigma`` is in grey levels, 0 for clean runs. Both seeds
+    are non-negative; ``noise_seed`` is 0 for clean runs, so that all of them share one set of images.
     """
 
     pipeline: Pipeline
