@@ -1,0 +1,99 @@
+"""Execute one run inside a worker process."""
+
+import errno
+import platform
+import time
+import traceback
+
+from gtf_tune.errors import RunError, SequenceError, StorageError
+from gtf_tune.execution.base import RunLimits
+from gtf_tune.execution.paths import RunPaths
+from gtf_tune.execution.process import memory_limited, output_to, peak_memory_bytes, reset_peak_memory
+from gtf_tune.execution.stages import StageStore
+from gtf_tune.pipelines.base import PipelineJob, PipelineOutput
+from gtf_tune.pipelines.run import RunOutcome, RunRequest
+from gtf_tune.trajectory import Trajectory
+from gtf_tune.version import __version__
+
+_MACHINE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE}
+_GIB = 2**30
+
+
+def execute(request: RunRequest, limits: RunLimits, paths: RunPaths, store: StageStore) -> RunOutcome:
+    """Run the pipeline once and return how it ended.
+
+    Raises
+    ------
+    StorageError, SequenceError
+        This machine is at fault, not the options: the disk is full, a folder cannot be written, an image not be read.
+    """
+    started_at = time.time()
+    clock = time.perf_counter()
+    reset_peak_memory()
+    output, error = _run_logged(request, limits, paths, store)
+    return RunOutcome(
+        status="failed" if error else "ok",
+        trajectory=output.trajectory,
+        error=error,
+        diagnostics=dict(output.diagnostics),
+        wall_s=time.perf_counter() - clock,
+        peak_memory_bytes=peak_memory_bytes(),
+        host=platform.node(),
+        started_at=started_at,
+        versions=versions_of(request),
+        log=paths.read_log_tail() if error else "",
+    )
+
+
+def versions_of(request: RunRequest) -> dict[str, str]:
+    """Return the versions that a run depends on."""
+    return {
+        "gtf_tune": __version__,
+        request.pipeline.name: request.pipeline.version,
+        "python": platform.python_version(),
+    }
+
+
+def _run_logged(
+    request: RunRequest, limits: RunLimits, paths: RunPaths, store: StageStore
+) -> tuple[PipelineOutput, str]:
+    nothing = PipelineOutput(Trajectory.empty())
+    with output_to(paths.log), memory_limited(limits.memory_bytes):
+        try:
+            return _run(request, paths, store), ""
+        except RunError as error:
+            return nothing, str(error)
+        except SequenceError:
+            raise
+        except MemoryError:
+            return nothing, f"the run needed more than its memory limit of {limits.memory_bytes / _GIB:g} GB"
+        except OSError as error:
+            traceback.print_exc()
+            if error.errno in _MACHINE_FAULTS:
+                raise StorageError(
+                    f"a run could not write to {error.filename or paths.folder} ({error.strerror}); "
+                    "make room or choose another place with --cache-dir, then resume the study"
+                ) from error
+            return nothing, f"{type(error).__name__}: {error}"
+        except Exception as error:  # a run may fail in any way; the reason is kept and the study goes on
+            traceback.print_exc()
+            return nothing, f"{type(error).__name__}: {error}"
+
+
+def _run(request: RunRequest, paths: RunPaths, store: StageStore) -> PipelineOutput:
+    with store.open(paths.workspace / "stages") as stages:
+        workspace = paths.workspace / "pipeline"
+        workspace.mkdir()
+        job = PipelineJob(
+            images=request.images,
+            camera=request.sequence.camera,
+            options=request.options,
+            seed=request.seed,
+            threads=request.threads,
+            workspace=workspace,
+            stages=stages,
+        )
+        output = request.pipeline.run(job)
+    if len(output.trajectory) == 0:
+        raise RunError("the pipeline gave back a trajectory without poses")
+    return output

@@ -1,0 +1,179 @@
+"""Run requests in child processes of this machine."""
+
+import signal
+import threading
+from collections import deque
+from concurrent.futures import CancelledError, Future
+from dataclasses import dataclass, field, replace
+from multiprocessing import get_context
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import psutil
+from pebble import ProcessExpired, ProcessPool
+
+from gtf_tune.execution.base import RunLimits
+from gtf_tune.execution.child import execute, versions_of
+from gtf_tune.execution.paths import RunPaths, Scratch, default_cache_folder
+from gtf_tune.execution.process import initialise_worker
+from gtf_tune.execution.stages import FreshStages, StageStore
+from gtf_tune.pipelines.run import RunOutcome, RunRequest
+from gtf_tune.trajectory import Trajectory
+
+_KILLED_TRIES = 3
+_MEMORY_MARGIN = 1.1
+
+
+@dataclass(eq=False)
+class _Item:
+    request: RunRequest
+    limits: RunLimits
+    future: "Future[RunOutcome]" = field(default_factory=Future)
+    paths: RunPaths | None = None
+    expected_bytes: int = 0
+    tries: int = 0
+
+
+class LocalExecutor:
+    """Run up to ``jobs`` requests at a time, each in a process that survives nothing and endangers nobody.
+
+    Worker processes are reused between runs, so that importing a pipeline is paid once; a run that aborts, hangs or is
+    killed takes its worker with it and the pool starts another. A run starts only if the peak memory measured on runs
+    of the same pipeline and sequence fits beside the runs in flight.
+
+    Parameters
+    ----------
+    jobs
+        How many runs go side by side.
+    stages
+        Where runs find their stages; without one every run starts from the images.
+    scratch
+        Folder for the files of running runs.
+    memory_bytes
+        What all runs together may take; by default what the machine has available now.
+    """
+
+    def __init__(
+        self,
+        jobs: int = 1,
+        stages: StageStore | None = None,
+        scratch: Path | None = None,
+        memory_bytes: int | None = None,
+    ) -> None:
+        self._jobs = jobs
+        self._stages = stages or FreshStages()
+        self._scratch = Scratch(scratch or default_cache_folder() / "scratch")
+        self._memory_bytes = memory_bytes or psutil.virtual_memory().available
+        self._waiting: deque[_Item] = deque()
+        self._running: list[_Item] = []
+        self._peaks: dict[tuple[str, str], int] = {}
+        self._lock = threading.RLock()
+        self._closed = False
+        self._pool = ProcessPool(max_workers=jobs, initializer=initialise_worker, context=get_context("spawn"))
+
+    def submit(self, request: RunRequest, limits: RunLimits) -> "Future[RunOutcome]":
+        """Queue a run; the future ends when the run does."""
+        item = _Item(request, limits)
+        with self._lock:
+            self._waiting.append(item)
+        self._start_what_fits()
+        return item.future
+
+    def cancel_waiting(self) -> None:
+        """Cancel every run that has not started."""
+        with self._lock:
+            items, self._waiting = list(self._waiting), deque()
+        for item in items:
+            item.future.cancel()
+
+    def __enter__(self) -> Self:
+        """Return the executor itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Stop all runs and leave no process and no file behind."""
+        self._closed = True
+        self.cancel_waiting()
+        self._pool.stop()
+        self._pool.join()
+        self._scratch.close()
+
+    def _start_what_fits(self) -> None:
+        with self._lock:
+            while not self._closed and self._waiting and self._fits(self._waiting[0]):
+                self._start(self._waiting.popleft())
+
+    def _fits(self, item: _Item) -> bool:
+        if not self._running:
+            return True
+        item.expected_bytes = int(self._peaks.get(_kind_of(item.request), 0) * _MEMORY_MARGIN)
+        reserved = sum(other.expected_bytes for other in self._running)
+        return len(self._running) < self._jobs and reserved + item.expected_bytes <= self._memory_bytes
+
+    def _start(self, item: _Item) -> None:
+        if item.paths is None and not item.future.set_running_or_notify_cancel():
+            return
+        item.paths = self._scratch.paths(item.request.key[:12])
+        item.paths.create()
+        item.tries += 1
+        self._running.append(item)
+        arguments = (item.request, item.limits, item.paths, self._stages)
+        started = self._pool.schedule(execute, args=arguments, timeout=item.limits.timeout_s)
+        started.add_done_callback(lambda done: self._finish(item, done))
+
+    def _finish(self, item: _Item, done: "Future[RunOutcome]") -> None:
+        outcome, error = self._outcome(item, done)
+        with self._lock:
+            self._running.remove(item)
+            if outcome is not None and outcome.peak_memory_bytes:
+                kind = _kind_of(item.request)
+                self._peaks[kind] = max(self._peaks.get(kind, 0), outcome.peak_memory_bytes)
+        if item.paths is not None:
+            item.paths.remove()
+        if outcome is not None:
+            item.future.set_result(outcome)
+        elif error is not None:
+            item.future.set_exception(error)
+        else:
+            with self._lock:
+                self._waiting.appendleft(item)
+        self._start_what_fits()
+
+    def _outcome(self, item: _Item, done: "Future[RunOutcome]") -> tuple[RunOutcome | None, BaseException | None]:
+        """Return the outcome, or the error to pass on, or neither where the run deserves another try."""
+        if done.cancelled():
+            return None, CancelledError()
+        error = done.exception()
+        if error is None:
+            return done.result(), None
+        if isinstance(error, TimeoutError):
+            return _failure(item, f"no result within {item.limits.timeout_s:g} s (limits.run_timeout_s)"), None
+        if isinstance(error, ProcessExpired):
+            killed = error.exitcode == -signal.SIGKILL
+            if killed and item.tries < _KILLED_TRIES and not self._closed:
+                return None, None
+            return _failure(item, _death(error.exitcode or 0, item.tries)), None
+        return None, error
+
+
+def _kind_of(request: RunRequest) -> tuple[str, str]:
+    return request.pipeline.name, request.sequence.name
+
+
+def _failure(item: _Item, reason: str) -> RunOutcome:
+    outcome = RunOutcome(status="failed", trajectory=Trajectory.empty(), error=reason)
+    if item.paths is not None:
+        outcome = replace(outcome, log=item.paths.read_log_tail())
+    return replace(outcome, versions=versions_of(item.request))
+
+
+def _death(exitcode: int, tries: int) -> str:
+    if exitcode >= 0:
+        return f"the pipeline ended its process with exit code {exitcode}"
+    name = signal.Signals(-exitcode).name
+    if name == "SIGKILL":
+        return f"the run was killed {tries} times (SIGKILL), most likely for want of memory"
+    return f"the pipeline crashed its process ({name})"

@@ -1,0 +1,95 @@
+"""Name the files of runs, and clean up what a killed process left."""
+
+import fcntl
+import os
+import shutil
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import platformdirs
+
+from gtf_tune.errors import StorageError
+
+_LOG_TAIL_BYTES = 8192
+
+
+@dataclass(frozen=True)
+class RunPaths:
+    """Name the files of one run below its own folder."""
+
+    folder: Path
+
+    @property
+    def log(self) -> Path:
+        """Return the file that receives everything the run prints."""
+        return self.folder / "run.log"
+
+    @property
+    def workspace(self) -> Path:
+        """Return the folder that the pipeline may write to."""
+        return self.folder / "workspace"
+
+    def create(self) -> None:
+        """Make the folder and an empty workspace."""
+        self.workspace.mkdir(parents=True, exist_ok=True)
+
+    def remove(self) -> None:
+        """Delete everything that the run has written."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def read_log_tail(self) -> str:
+        """Return the last 8 KiB of the log, or an empty text where there is none."""
+        try:
+            with self.log.open("rb") as file:
+                file.seek(0, os.SEEK_END)
+                file.seek(max(0, file.tell() - _LOG_TAIL_BYTES))
+                return file.read().decode(errors="replace").replace("\x00", "")
+        except OSError:
+            return ""
+
+
+class Scratch:
+    """Own a folder for the runs of one executor; it disappears with its owner.
+
+    The owner holds a lock on a file inside. The next owner removes the folders of owners that were killed, which it
+    knows by their locks being free.
+    """
+
+    def __init__(self, root: Path) -> None:
+        try:
+            root.mkdir(parents=True, exist_ok=True)
+            _remove_abandoned(root)
+            self.folder = Path(tempfile.mkdtemp(prefix="runs-", dir=root))
+            self._lock: IO[bytes] = (self.folder / "owner.lock").open("wb")
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
+        except OSError as error:
+            raise StorageError(
+                f"cannot write below {root} ({error.strerror}); choose another place with --cache-dir"
+            ) from error
+
+    def paths(self, name: str) -> RunPaths:
+        """Return the paths of a new run."""
+        return RunPaths(Path(tempfile.mkdtemp(prefix=f"{name}-", dir=self.folder)))
+
+    def close(self) -> None:
+        """Delete the folder."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self._lock.close()
+
+
+def default_cache_folder() -> Path:
+    """Return the folder of the stage cache: ``GTF_TUNE_CACHE_DIR``, else the platform's place for caches."""
+    chosen = os.environ.get("GTF_TUNE_CACHE_DIR")
+    return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("gtf-tune"))
+
+
+def _remove_abandoned(root: Path) -> None:
+    for lock_path in root.glob("runs-*/owner.lock"):
+        try:
+            with lock_path.open("rb") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(lock_path.parent, ignore_errors=True)
+        except OSError:
+            continue

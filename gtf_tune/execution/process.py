@@ -1,0 +1,89 @@
+"""Set up, limit and measure the process that a run lives in."""
+
+import contextlib
+import ctypes
+import os
+import resource
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+_PR_SET_PDEATHSIG = 1
+_KIB = 1024
+
+
+def initialise_worker() -> None:
+    """Prepare a worker process: it dies with its parent and leaves Ctrl-C to it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    die_with_parent()
+    os.environ["OMP_NUM_THREADS"] = "1"
+
+
+def die_with_parent() -> None:
+    """Ask the kernel to kill this process when the one that started it ends (Linux; a no-op elsewhere)."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+
+
+@contextlib.contextmanager
+def output_to(path: Path) -> Iterator[None]:
+    """Send everything that the process writes to stdout and stderr, C++ libraries included, to a file."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    saved = [os.dup(1), os.dup(2)]
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    try:
+        os.dup2(file, 1)
+        os.dup2(file, 2)
+        yield
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os.dup2(saved[0], 1)
+        os.dup2(saved[1], 2)
+        for descriptor in (*saved, file):
+            os.close(descriptor)
+
+
+@contextlib.contextmanager
+def memory_limited(limit_bytes: int) -> Iterator[None]:
+    """Let the process, and each program that it starts, take no more than ``limit_bytes`` of new memory.
+
+    RLIMIT_DATA counts private writable memory, which is what a run uses; RLIMIT_AS would also count the gigabytes of
+    address space that thread stacks and libraries merely reserve.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    wanted = _data_bytes() + limit_bytes
+    if hard != resource.RLIM_INFINITY:
+        wanted = min(wanted, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (wanted, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
+
+
+def reset_peak_memory() -> None:
+    """Start a new measurement of `peak_memory_bytes` (Linux; elsewhere the peak is that of the process's life)."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+
+
+def peak_memory_bytes() -> int:
+    """Return the largest resident set since the last reset, or that of the largest program started since."""
+    own = _status_bytes("VmHWM") or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _KIB
+    return max(own, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * _KIB)
+
+
+def _data_bytes() -> int:
+    return _status_bytes("VmData")
+
+
+def _status_bytes(field: str) -> int:
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return 0
+    return next((int(line.split()[1]) * _KIB for line in lines if line.startswith(f"{field}:")), 0)
