@@ -1,0 +1,75 @@
+"""Match the poses that come with a data set to its frames."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from gtf_tune.errors import SequenceError
+from gtf_tune.sequence.value import Frame
+from gtf_tune.trajectory import Trajectory
+
+Frames = tuple[Frame, ...]
+Notes = tuple[str, ...]
+
+# The TUM RGB-D benchmark's own default for matching images to poses.
+_MAX_DIFFERENCE_S = 0.02
+_ORTHOGONALITY_TOLERANCE = 1e-3
+
+
+def poses_by_timestamp(frames: Frames, poses: Trajectory, source: Path) -> tuple[Trajectory | None, Notes]:
+    """Give each frame the pose nearest in time, if it is at most 0.02 s away (the TUM benchmark's default).
+
+    Returns
+    -------
+    ground_truth, notes
+        The poses under their frames' ids and timestamps, or ``None`` and a note if no frame has one.
+    """
+    stamps = np.array([frame.timestamp for frame in frames])
+    after = np.clip(np.searchsorted(poses.timestamps, stamps), 1, max(len(poses) - 1, 1))
+    candidates = np.stack([after - 1, np.minimum(after, len(poses) - 1)])
+    distances = np.abs(poses.timestamps[candidates] - stamps)
+    nearest = candidates[np.argmin(distances, axis=0), np.arange(len(stamps))]
+    matched = np.flatnonzero(distances.min(axis=0) <= _MAX_DIFFERENCE_S)
+    if not len(matched):
+        return None, (f"{source.name} has {len(poses)} poses, but none within {_MAX_DIFFERENCE_S} s of an image",)
+    return _trajectory(frames, matched, poses.positions[nearest[matched]], poses.quaternions[nearest[matched]]), ()
+
+
+def poses_by_index(frames: Frames, poses: Trajectory, source: Path) -> tuple[Trajectory | None, Notes]:
+    """Give frame n the nth pose; data sets with fewer poses than frames leave the last frames without."""
+    count = min(len(frames), len(poses))
+    notes = () if len(frames) == len(poses) else (f"{source.name} has {len(poses)} poses for {len(frames)} images",)
+    return _trajectory(frames, np.arange(count), poses.positions[:count], poses.quaternions[:count]), notes
+
+
+def poses_from_matrices(frames: Frames, world_from_camera: NDArray[np.float64], source: Path) -> Trajectory | None:
+    """Return the ground truth of (n, 4, 4) or (n, 3, 4) matrices, one per frame; NaN or infinity marks a gap.
+
+    Raises
+    ------
+    SequenceError
+        A matrix is not a rotation and a translation.
+    """
+    valid = np.flatnonzero(np.isfinite(world_from_camera).all(axis=(1, 2)))
+    if not len(valid):
+        return None
+    rotations = world_from_camera[valid, :3, :3]
+    residuals = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    wrong = (residuals > _ORTHOGONALITY_TOLERANCE) | (np.linalg.det(rotations) <= 0)
+    if wrong.any():
+        image = frames[valid[np.argmax(wrong)]].path.name
+        raise SequenceError(f"{source}: the pose of image {image} is not a rotation and a translation; check the file")
+    return _trajectory(frames, valid, world_from_camera[valid, :3, 3], Rotation.from_matrix(rotations).as_quat())
+
+
+def _trajectory(
+    frames: Frames, chosen: NDArray[np.int64], positions: NDArray[np.float64], quaternions: NDArray[np.float64]
+) -> Trajectory:
+    return Trajectory(
+        frame_ids=np.array([frames[index].frame_id for index in chosen], dtype=np.int64),
+        timestamps=np.array([frames[index].timestamp for index in chosen]),
+        positions=positions,
+        quaternions=quaternions,
+    )

@@ -1,0 +1,52 @@
+"""Find the layout of a data set."""
+
+from difflib import get_close_matches
+from pathlib import Path
+
+from gtf_tune.errors import SequenceError
+from gtf_tune.sequence.layouts.base import Layout
+from gtf_tune.sequence.layouts.folder import FOLDER
+from gtf_tune.sequence.layouts.tum import ETH3D_SLAM, TUM_RGBD
+
+AUTO = "auto"
+
+# The first that matches wins, so a layout stands before those whose marks it shares.
+_LAYOUTS: tuple[Layout, ...] = (ETH3D_SLAM, TUM_RGBD, FOLDER)
+
+
+def layout_names() -> tuple[str, ...]:
+    """Return the names of all layouts, in the order in which they are tried."""
+    return tuple(layout.name for layout in _LAYOUTS)
+
+
+def layout_help() -> dict[str, str]:
+    """Return for each layout what to download and which path to give."""
+    return {layout.name: layout.help for layout in _LAYOUTS}
+
+
+def find_layout(root: Path, name: str = AUTO) -> Layout:
+    """Return the layout of this name, or with "auto" the first that fits the folder.
+
+    Raises
+    ------
+    SequenceError
+        There is no layout of this name, or none fits.
+    """
+    if name != AUTO:
+        return _named(name)
+    for layout in _LAYOUTS:
+        if layout.matches(root):
+            return layout
+    raise SequenceError(
+        f"{root}: found neither images nor a known layout ({', '.join(layout_names())}); "
+        "give the folder that holds the images, or run 'gtf-tune sequence inspect --help'"
+    )
+
+
+def _named(name: str) -> Layout:
+    for layout in _LAYOUTS:
+        if layout.name == name:
+            return layout
+    near = get_close_matches(name, layout_names(), n=2)
+    hint = f"did you mean {' or '.join(repr(one) for one in near)}? " if near else ""
+    raise SequenceError(f"unknown layout '{name}'; {hint}The layouts are {', '.join(layout_names())}")

@@ -1,0 +1,77 @@
+"""Choose which frames of a sequence are used, and at what size."""
+
+import math
+from collections.abc import Sequence as Items
+from dataclasses import dataclass
+
+from gtf_tune.errors import SequenceError
+
+# A frame that is early by less than this share of the period counts as on time: timestamps are rounded.
+_EARLY = 1e-3
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Say which frames of a sequence are used, and at what size; the default uses all of them as they are.
+
+    The steps apply in this order:
+
+    1. ``start``, ``stop``, ``stride`` act on positions like a Python slice (``stop = 0`` means: to the end; no negative
+       numbers).
+    2. ``rate_hz`` thins by timestamps: the first frame that is not earlier than each multiple of ``1 / rate_hz`` after
+       the first frame (0 keeps all). Frames inside a gap of the recording are not made up.
+    3. ``max_frames`` keeps the first so many (0 keeps all).
+
+    So the paper's "50 of 2000 images, 3.06 Hz" is ``Selection(rate_hz=3.06, max_frames=50)``; 50 frames spread evenly
+    over 2000 are ``Selection(stride=40)``.
+
+    ``max_image_size`` shrinks images so that the longer side has at most that many pixels (0 leaves them); intrinsics
+    follow.
+
+    Raises
+    ------
+    SequenceError
+        A number is outside its range.
+    """
+
+    start: int = 0
+    stop: int = 0
+    stride: int = 1
+    rate_hz: float = 0.0
+    max_frames: int = 0
+    max_image_size: int = 0
+
+    def __post_init__(self) -> None:
+        lowest = {"start": 0, "stop": 0, "stride": 1, "rate_hz": 0, "max_frames": 0, "max_image_size": 0}
+        for name, low in lowest.items():
+            value = getattr(self, name)
+            if not math.isfinite(value) or value < low:
+                raise SequenceError(f"{name} must be a finite number of at least {low}, not {value:g}")
+        if self.stop and self.stop <= self.start:
+            raise SequenceError(f"stop must be larger than start ({self.start}), not {self.stop}; 0 means to the end")
+
+    def positions(self, timestamps: Items[float]) -> list[int]:
+        """Return the positions of the chosen frames among frames with these timestamps in seconds."""
+        chosen = list(range(len(timestamps)))[self.start : self.stop or None : self.stride]
+        if self.rate_hz > 0:
+            chosen = _thinned(chosen, timestamps, self.rate_hz)
+        return chosen[: self.max_frames or None]
+
+    def image_size(self, width: int, height: int) -> tuple[int, int]:
+        """Return (width, height) after shrinking; no side falls below one pixel."""
+        longest = max(width, height)
+        if not self.max_image_size or longest <= self.max_image_size:
+            return width, height
+        factor = self.max_image_size / longest
+        return max(1, round(width * factor)), max(1, round(height * factor))
+
+
+def _thinned(positions: list[int], timestamps: Items[float], rate_hz: float) -> list[int]:
+    kept: list[int] = []
+    due = 0
+    for position in positions:
+        elapsed = (timestamps[position] - timestamps[positions[0]]) * rate_hz
+        if elapsed >= due - _EARLY:
+            kept.append(position)
+            due = math.floor(elapsed + _EARLY) + 1
+    return kept

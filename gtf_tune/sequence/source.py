@@ -1,0 +1,103 @@
+"""Write the clean or noisy images that a pipeline reads."""
+
+import hashlib
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from gtf_tune.errors import SequenceError
+from gtf_tune.perturbation import NOISE_VERSION, GreyImage, noisy_image
+from gtf_tune.sequence.value import Frame, Sequence
+
+_SUFFIX = ".pgm"
+
+
+@dataclass(frozen=True, eq=False)
+class ImageSource:
+    """Give a pipeline one copy of a sequence: 8-bit grey images with Gaussian noise of ``sigma`` grey levels.
+
+    ``sigma = 0`` is the clean copy; it goes through the same writer, and ``seed`` then means nothing.
+
+    Raises
+    ------
+    SequenceError
+        Sigma or seed is outside its range.
+    """
+
+    sequence: Sequence
+    sigma: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.sigma) and self.sigma >= 0 and self.seed >= 0):
+            raise SequenceError(
+                f"noise needs a finite sigma and a seed, neither below 0, not {self.sigma!r} and {self.seed!r}"
+            )
+
+    @property
+    def key(self) -> str:
+        """Return the hex SHA-256 of everything that the written images depend on."""
+        noise = f"{NOISE_VERSION} {self.sigma!r} {self.seed}" if self.sigma else "clean"
+        return hashlib.sha256(f"{self.sequence.fingerprint} {noise}".encode()).hexdigest()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the file name of each frame, in order."""
+        return tuple(_file_name(frame) for frame in self.sequence.frames)
+
+    def frame_id_of(self, name: str) -> int:
+        """Return the frame id of a file that `write` wrote; folders before the name do not matter.
+
+        Raises
+        ------
+        SequenceError
+            No frame of the sequence has this name.
+        """
+        found = self._frame_ids.get(Path(name).name)
+        if found is None:
+            raise SequenceError(f"'{name}' is not an image of sequence '{self.sequence.name}'")
+        return found
+
+    @cached_property
+    def _frame_ids(self) -> dict[str, int]:
+        return {_file_name(frame): frame.frame_id for frame in self.sequence.frames}
+
+    def read(self, frame: Frame) -> GreyImage:
+        """Return the clean or noisy pixels of a frame, of shape (height, width)."""
+        return noisy_image(self.sequence.read_grey(frame), self.sigma, seed=self.seed, frame_id=frame.frame_id)
+
+    def write(self, folder: Path, threads: int = 1) -> None:
+        """Write every frame into an existing folder as a binary PGM file named by its frame id.
+
+        PGM has no compression: it is written and read at the speed of a copy (see benchmarks/noise_throughput.py). The
+        files are the same whatever ``threads`` is.
+
+        Raises
+        ------
+        SequenceError
+            An image cannot be read, or the folder cannot be written to.
+        """
+
+        def write_one(frame: Frame) -> None:
+            _write_pgm(folder / _file_name(frame), self.read(frame))
+
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(write_one, self.sequence.frames))
+
+
+def _file_name(frame: Frame) -> str:
+    return f"{frame.frame_id:06d}{_SUFFIX}"
+
+
+def _write_pgm(path: Path, grey: GreyImage) -> None:
+    height, width = grey.shape
+    try:
+        with path.open("wb") as file:
+            file.write(f"P5\n{width} {height}\n255\n".encode())
+            file.write(grey.data)
+    except OSError as error:
+        raise SequenceError(
+            f"{path}: cannot write the image ({error.strerror}); check the folder and the disk"
+        ) from error

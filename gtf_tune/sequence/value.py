@@ -1,0 +1,87 @@
+"""Hold a sequence as a value: ordered frames of one camera and what is known of them."""
+
+import hashlib
+import struct
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import cv2
+
+from gtf_tune.errors import SequenceError
+from gtf_tune.perturbation import GreyImage
+from gtf_tune.sequence.camera import Camera
+from gtf_tune.sequence.images import read_grey
+from gtf_tune.trajectory import Trajectory
+
+_FINGERPRINT_THREADS = 2
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Hold one image of a sequence: its position in the whole recording, its file, and its time in seconds."""
+
+    frame_id: int
+    path: Path
+    timestamp: float
+
+
+@dataclass(frozen=True, eq=False)
+class Sequence:
+    """Hold ordered images of one camera.
+
+    ``width`` and ``height`` are what the pipeline sees, in pixels; ``stored_size`` is that of the files. ``camera``
+    belongs to the images as the pipeline sees them. ``ground_truth`` has the frame ids of the frames that have a pose.
+    ``has_timestamps`` is false where the data set only orders its images; timestamps then count frames. ``notes`` say
+    what the loader found odd.
+    """
+
+    name: str
+    root: Path
+    layout: str
+    frames: tuple[Frame, ...]
+    width: int
+    height: int
+    camera: Camera | None
+    ground_truth: Trajectory | None
+    stored_size: tuple[int, int]
+    has_timestamps: bool = True
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def read_grey(self, frame: Frame) -> GreyImage:
+        """Return the 8-bit grey pixels of a frame, of shape (height, width), as the pipeline sees them.
+
+        Raises
+        ------
+        SequenceError
+            The file is missing, damaged or has changed its size since the sequence was loaded.
+        """
+        grey = read_grey(frame.path)
+        if grey.shape[::-1] != self.stored_size:
+            raise SequenceError(
+                f"{frame.path}: expected {self.stored_size[0]}x{self.stored_size[1]} pixels like the other images, "
+                f"not {grey.shape[1]}x{grey.shape[0]}; resize or remove it"
+            )
+        if grey.shape != (self.height, self.width):
+            grey = cv2.resize(grey, (self.width, self.height), interpolation=cv2.INTER_AREA)
+        return grey
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Return the hex SHA-256 of frame ids, sizes and grey pixels; reads every image once, then remembers.
+
+        It is the digest over (frame id, width, height, SHA-256 of the pixels) of each frame, all numbers as
+        little-endian 64-bit integers, which lets frames be hashed side by side.
+        """
+        total = hashlib.sha256()
+        with ThreadPoolExecutor(_FINGERPRINT_THREADS) as pool:
+            for frame, pixels in zip(self.frames, pool.map(self._pixel_digest, self.frames), strict=True):
+                total.update(struct.pack("<qqq", frame.frame_id, self.width, self.height) + pixels)
+        return total.hexdigest()
+
+    def _pixel_digest(self, frame: Frame) -> bytes:
+        return hashlib.sha256(self.read_grey(frame).data).digest()
