@@ -1,0 +1,55 @@
+# Everything runs in an environment of its own in .venv; only Python >= 3.11, git and make are needed beforehand.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+JOBS ?= 2
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test check bench experiments soak format lock clean
+
+help: ## Show this list
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*## "} {printf "  make %-12s %s\n", $$1, $$2}'
+
+setup: $(STAMP) ## Create the environment in .venv
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "gtf-tune needs Python >= 3.11; call make PYTHON=/path/to/python3.11")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,postgres,dask,cmaes]'
+	@touch $@
+
+demo: setup ## Render a room, tune GLOMAP on it without ground truth, show and report the result
+	$(BIN)/gtf-tune demo
+
+test: setup ## Run the tests (under five minutes on two cores)
+	$(BIN)/python -m pytest -n $(JOBS)
+
+check: setup ## Lint, type-check, check layers and file sizes, build the documentation
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	PYTHONPATH=. $(BIN)/lint-imports
+	$(BIN)/python tests/checks/file_sizes.py
+	$(BIN)/python docs/generate.py --check
+	$(BIN)/mkdocs build --strict --quiet
+
+bench: setup ## Measure side by side and rewrite docs/performance.md
+	$(BIN)/python -m benchmarks
+
+experiments: setup ## Run the paper's experiments (hours; resumable) and rewrite docs/results.md
+	$(BIN)/python -m benchmarks.experiments
+
+soak: setup ## Inject faults for a long time
+	$(BIN)/python -m pytest -m soak tests/faults
+
+format: setup ## Format the code
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+lock: setup ## Resolve the dependencies anew into constraints.txt
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv pip compile pyproject.toml --extra dev --extra postgres --extra dask --extra cmaes --universal --python-version 3.11 --no-header --no-annotate --output-file constraints.txt
+
+clean: ## Remove the environment and what the tools left
+	rm -rf $(VENV) build dist site .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -1,0 +1,166 @@
+"""Turn the axes of a definition into Optuna distributions, grid points and checked values."""
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from optuna import Trial
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
+
+from gtf_tune.definition import Axis, RangeAxis, StudyDefinition, ValuesAxis
+from gtf_tune.errors import DefinitionError, GtfTuneError
+from gtf_tune.pipelines import OptionSpec, OptionTable, OptionValue
+
+
+@dataclass(frozen=True)
+class SearchAxis:
+    """Hold one searched option: its nominal value, its distribution and the values that a grid takes."""
+
+    name: str
+    nominal: OptionValue
+    distribution: BaseDistribution
+    grid: tuple[OptionValue, ...]
+
+    @property
+    def is_log(self) -> bool:
+        """Tell whether the axis is searched and drawn in logarithms."""
+        return bool(getattr(self.distribution, "log", False))
+
+
+@dataclass(frozen=True)
+class SearchSpace:
+    """Hold the axes of a study, in the order of its definition."""
+
+    axes: tuple[SearchAxis, ...]
+
+    @property
+    def nominal(self) -> dict[str, OptionValue]:
+        """Return the pipeline's default for every searched option."""
+        return {axis.name: axis.nominal for axis in self.axes}
+
+    def grid(self) -> Iterator[dict[str, OptionValue]]:
+        """Yield every grid point except nominal, the last axis turning fastest."""
+        for values in itertools.product(*(axis.grid for axis in self.axes)):
+            point = {axis.name: value for axis, value in zip(self.axes, values, strict=True)}
+            if point != self.nominal:
+                yield point
+
+    def grid_size(self) -> int:
+        """Return the number of trials of a full grid, nominal included."""
+        inside = all(axis.nominal in axis.grid for axis in self.axes)
+        return math.prod(len(axis.grid) for axis in self.axes) + (0 if inside else 1)
+
+    def suggest(self, trial: Trial) -> dict[str, OptionValue]:
+        """Let the sampler choose a value for every axis."""
+        return {axis.name: _suggest(trial, axis) for axis in self.axes}
+
+
+def build_space(definition: StudyDefinition, table: OptionTable) -> SearchSpace:
+    """Return the search space, or raise one `DefinitionError` that names every fault."""
+    faults = space_faults(definition.space, table)
+    if faults:
+        raise DefinitionError("; ".join(faults))
+    exhaustive = definition.search.sampler == "grid"
+    return SearchSpace(
+        tuple(_build_axis(table.specs[name], axis, exhaustive) for name, axis in definition.space.items())
+    )
+
+
+def space_faults(space: Mapping[str, Axis], table: OptionTable) -> list[str]:
+    """Return a sentence for every axis that does not suit the pipeline."""
+    faults: list[str] = []
+    for name, axis in space.items():
+        try:
+            _check_axis(table, name, axis)
+        except GtfTuneError as error:
+            faults.append(str(error))
+    return faults
+
+
+def _check_axis(table: OptionTable, name: str, axis: Axis) -> None:
+    ends = [axis.low, axis.high] if isinstance(axis, RangeAxis) else list(axis.values)
+    for value in ends:
+        table.check({name: value})
+    if isinstance(axis, ValuesAxis):
+        return
+    spec = table.specs[name]
+    if spec.kind not in ("int", "float"):
+        raise DefinitionError(f"option '{name}' is a {spec.kind}; give its axis as {{ values = [...] }}")
+    if isinstance(spec.default, int | float) and not axis.low <= spec.default <= axis.high:
+        raise DefinitionError(
+            f"the range of '{name}' [{axis.low:g}, {axis.high:g}] leaves out the pipeline's default {spec.default:g}, "
+            "which trial 0 measures every improvement against; widen the range"
+        )
+
+
+def _build_axis(spec: OptionSpec, axis: Axis, exhaustive: bool) -> SearchAxis:
+    if isinstance(axis, RangeAxis):
+        return _range_axis(spec, axis)
+    values = tuple(_as_kind(spec, value) for value in axis.values)
+    choices = values if spec.default in values else (spec.default, *values)
+    if exhaustive and spec.kind in ("int", "float"):
+        return SearchAxis(spec.name, spec.default, _hull(spec, choices), values)
+    return SearchAxis(spec.name, spec.default, CategoricalDistribution(choices), values)
+
+
+def _range_axis(spec: OptionSpec, axis: RangeAxis) -> SearchAxis:
+    distribution: BaseDistribution
+    if spec.kind == "int":
+        distribution = IntDistribution(int(axis.low), int(axis.high), log=axis.log, step=int(axis.step or 1))
+    else:
+        distribution = FloatDistribution(axis.low, axis.high, log=axis.log, step=axis.step)
+    return SearchAxis(spec.name, spec.default, distribution, tuple(_grid_values(spec, axis)))
+
+
+def _grid_values(spec: OptionSpec, axis: RangeAxis) -> list[OptionValue]:
+    if axis.step is not None:
+        count = math.floor((axis.high - axis.low) / axis.step + 1e-9) + 1
+        values = [axis.low + axis.step * number for number in range(count)]
+    elif axis.log:
+        ratio = math.log(axis.high / axis.low)
+        values = [axis.low * math.exp(ratio * number / (axis.points - 1)) for number in range(axis.points)]
+    else:
+        span = axis.high - axis.low
+        values = [axis.low + span * number / (axis.points - 1) for number in range(axis.points)]
+    values = [min(max(float(f"{value:.12g}"), axis.low), axis.high) for value in values]
+    if spec.kind == "int":
+        return list(dict.fromkeys(round(value) for value in values))
+    return [float(value) for value in values]
+
+
+def _hull(spec: OptionSpec, values: tuple[OptionValue, ...]) -> BaseDistribution:
+    """Return the interval around a numeric list: a grid tries every value, and plots want a numeric axis."""
+    numbers = [value for value in values if isinstance(value, int | float)]
+    low, high = min(numbers), max(numbers)
+    log = low > 0 and high / low >= 10  # noqa: PLR2004 - a decade or more reads better in logarithms
+    if low == high:
+        return CategoricalDistribution(values)
+    if spec.kind == "int":
+        return IntDistribution(int(low), int(high), log=log)
+    return FloatDistribution(float(low), float(high), log=log)
+
+
+def _as_kind(spec: OptionSpec, value: OptionValue) -> OptionValue:
+    if spec.kind == "float" and not isinstance(value, bool | str):
+        return float(value)
+    if spec.kind == "int" and not isinstance(value, bool | str):
+        return int(value)
+    return value
+
+
+def _suggest(trial: Trial, axis: SearchAxis) -> OptionValue:
+    distribution = axis.distribution
+    if isinstance(distribution, FloatDistribution):
+        return trial.suggest_float(
+            axis.name, distribution.low, distribution.high, step=distribution.step, log=distribution.log
+        )
+    if isinstance(distribution, IntDistribution):
+        return trial.suggest_int(
+            axis.name, distribution.low, distribution.high, step=distribution.step, log=distribution.log
+        )
+    if isinstance(distribution, CategoricalDistribution):
+        chosen = trial.suggest_categorical(axis.name, distribution.choices)
+        if isinstance(chosen, bool | int | float | str):
+            return chosen
+    raise DefinitionError(f"axis '{axis.name}' has a kind of values that cannot be searched")
