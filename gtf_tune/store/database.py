@@ -1,0 +1,151 @@
+"""Open, create and upgrade the database that holds studies."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from sqlalchemy import Engine
+from sqlalchemy.engine import URL
+from sqlalchemy.exc import SQLAlchemyError
+
+from gtf_tune.errors import StorageError
+from gtf_tune.store.engine import READ_ONLY, make_engine
+from gtf_tune.store.faults import storage_error
+from gtf_tune.store.schema import REVISIONS, current_revision, fault_of_revision, update_schema
+from gtf_tune.store.urls import display_url, parse_url
+
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, eq=False)
+class Database:
+    """Hold the connections of one process to one database; every other process opens its own.
+
+    ``engine`` writes. ``reader`` shares its connections, sees one consistent state per transaction and, on SQLite, does
+    not wait for writers. Safe to use from several threads.
+    """
+
+    url: URL = field(repr=False)
+    engine: Engine = field(repr=False)
+    reader: Engine = field(repr=False)
+
+    @property
+    def shown_url(self) -> str:
+        """Return the URL for messages, without passwords."""
+        return display_url(self.url)
+
+    def close(self) -> None:
+        """Close the connections that are not in use."""
+        self.engine.dispose()
+
+
+def open_database(storage: str) -> Database:
+    """Return a database that exists and has the tables of this version.
+
+    Raises
+    ------
+    StorageError
+        It does not exist, is no database, cannot be reached, or its tables are older or newer than this version.
+    """
+    database = connect(storage)
+    return _current(database)
+
+
+def create_database(storage: str) -> Database:
+    """Return a database with all tables, after making them where there are none; many processes may do so at once.
+
+    Raises
+    ------
+    StorageError
+        It cannot be created or reached, or its tables are older or newer than this version.
+    """
+    url = parse_url(storage)
+    if url.get_backend_name() == "sqlite":
+        _create_file(Path(str(url.database)), display_url(url))
+    database = connect(storage)
+    if not _revision(database):
+        _guarded(database, lambda: update_schema(database.engine, database.url))
+    return _current(database)
+
+
+def upgrade_database(storage: str) -> Database:
+    """Return an existing database after bringing the tables of gtf-tune and of Optuna to this version.
+
+    Raises
+    ------
+    StorageError
+        It does not exist, cannot be reached or written to, or its tables are newer than this version.
+    """
+    database = connect(storage)
+    if _revision(database) in ("", *REVISIONS):
+        _guarded(database, lambda: update_schema(database.engine, database.url))
+    return _current(database)
+
+
+def connect(storage: str) -> Database:
+    """Return an existing database whatever tables it has.
+
+    Raises
+    ------
+    StorageError
+        It does not exist, is no database or cannot be reached.
+    """
+    url = parse_url(storage)
+    if url.get_backend_name() == "sqlite":
+        _check_file(Path(str(url.database)), display_url(url))
+    engine = make_engine(url)
+    database = Database(url, engine, engine.execution_options(**_reading(engine)))
+    _guarded(database, lambda: engine.connect().close())
+    return database
+
+
+def _reading(engine: Engine) -> dict[str, Any]:
+    if engine.dialect.name == "sqlite":
+        return {READ_ONLY: True}
+    return {"isolation_level": "REPEATABLE READ", "postgresql_readonly": True}
+
+
+def _current(database: Database) -> Database:
+    fault = fault_of_revision(_revision(database), database.shown_url)
+    if fault:
+        database.close()
+        raise StorageError(fault)
+    return database
+
+
+def _revision(database: Database) -> str:
+    return _guarded(database, lambda: current_revision(database.reader))
+
+
+def _guarded(database: Database, work: Callable[[], Result]) -> Result:
+    """Do what is not a unit of work of a session, with the same errors."""
+    try:
+        return work()
+    except SQLAlchemyError as error:
+        database.close()
+        raise storage_error(error, database.url) from error
+
+
+def _check_file(path: Path, shown: str) -> None:
+    if path.is_dir():
+        raise StorageError(
+            f"the storage must be a file, but {path} is a folder; give a file such as {path}/gtf-tune.db"
+        )
+    if not path.exists():
+        raise StorageError(f"there is no storage at {path}; make it with 'gtf-tune study create ... --storage {shown}'")
+
+
+def _create_file(path: Path, shown: str) -> None:
+    if not path.parent.is_dir():
+        raise StorageError(
+            f"the folder {path.parent} of the storage does not exist; make it with mkdir -p {path.parent}"
+        )
+    try:
+        path.open("ab").close()
+    except IsADirectoryError:
+        _check_file(path, shown)
+    except OSError as error:
+        raise StorageError(
+            f"{path} cannot be written to ({error.strerror}); give a --storage in another folder"
+        ) from error

@@ -1,0 +1,87 @@
+"""Make SQLAlchemy engines that stand many processes on one database."""
+
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy.dialects import plugins
+from sqlalchemy.engine import URL, CreateEnginePlugin
+
+from gtf_tune.errors import StorageError
+
+READ_ONLY = "gtf_tune_read_only"
+_LOCK_TIMEOUT_S = 60
+_PLUGIN = "gtf_tune"
+
+
+class Tuning(CreateEnginePlugin):
+    """Attach the settings of connections and transactions to an engine while SQLAlchemy builds it.
+
+    A plugin is named in the arguments of ``create_engine``, so that the engine that Optuna builds for itself gets the
+    same settings, also after unpickling.
+    """
+
+    def update_url(self, url: URL) -> URL:
+        """Return the URL as it is."""
+        return url
+
+    def engine_created(self, engine: Engine) -> None:
+        """Attach the listeners that suit the database."""
+        if engine.dialect.name == "sqlite":
+            event.listen(engine, "connect", _tune_sqlite)
+            event.listen(engine, "begin", _begin_sqlite)
+        else:
+            event.listen(engine, "connect", _tune_postgresql)
+
+
+def _tune_sqlite(connection: Any, _: object) -> None:
+    # Else the driver opens transactions by itself, and too late: at the first write (see `_begin_sqlite`).
+    connection.isolation_level = None
+    cursor = connection.cursor()
+    for setting in ("journal_mode = WAL", "synchronous = NORMAL", "foreign_keys = ON"):
+        cursor.execute(f"PRAGMA {setting}")
+    cursor.close()
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    """Take the write lock at the start: taken after a first SELECT it can fail, or two writers see one state."""
+    reading = connection.get_execution_options().get(READ_ONLY, False)
+    connection.exec_driver_sql("BEGIN" if reading else "BEGIN IMMEDIATE")
+
+
+def _tune_postgresql(connection: Any, _: object) -> None:
+    """Make the server drop a client that vanished inside a transaction, with the locks that it holds."""
+    with connection.cursor() as cursor:
+        cursor.execute(f"SET idle_in_transaction_session_timeout = '{_LOCK_TIMEOUT_S}s'")
+    connection.commit()
+
+
+def engine_arguments(url: URL) -> dict[str, Any]:
+    """Return the arguments of ``create_engine`` that our engine and Optuna's share, tuning included."""
+    plugins.register(_PLUGIN, __name__, Tuning.__name__)
+    return {**untuned_arguments(url), "plugins": [_PLUGIN]}
+
+
+def untuned_arguments(url: URL) -> dict[str, Any]:
+    """Return the same arguments without the tuning of transactions."""
+    if url.get_backend_name() == "sqlite":
+        return {"connect_args": {"timeout": _LOCK_TIMEOUT_S}, "hide_parameters": True}
+    alive = {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 60_000}
+    defaults = {"connect_timeout": 10, "application_name": "gtf-tune", **alive}
+    connect = {key: value for key, value in defaults.items() if key not in url.query}
+    return {"connect_args": connect, "pool_pre_ping": True, "hide_parameters": True}
+
+
+def make_engine(url: URL) -> Engine:
+    """Return a tuned engine; connects to nothing yet.
+
+    Raises
+    ------
+    StorageError
+        The driver of PostgreSQL is not installed.
+    """
+    try:
+        return create_engine(url, **engine_arguments(url))
+    except ModuleNotFoundError as error:
+        raise StorageError(
+            f"storage on PostgreSQL needs the driver '{error.name}'; run pip install 'gtf-tune[postgres]'"
+        ) from error

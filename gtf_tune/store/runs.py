@@ -1,0 +1,194 @@
+"""Store finished runs by their keys, and find them again so that none is ever repeated."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from gtf_tune.pipelines.base import DiagnosticValue
+from gtf_tune.pipelines.options import OptionValue
+from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest, RunStatus
+from gtf_tune.store import models
+from gtf_tune.store.database import Database
+from gtf_tune.store.rows import chunks, columns_of
+from gtf_tune.store.session import read, read_rows, write
+from gtf_tune.store.trajectories import digest_of
+from gtf_tune.trajectory import to_bytes
+
+
+@dataclass(frozen=True)
+class StoredRun:
+    """Hold a stored run without its trajectory (see `gtf_tune.store.trajectories`) and log (see `log`)."""
+
+    id: int
+    key: str
+    pipeline: str
+    version: str
+    settings: Mapping[str, str]
+    options: Mapping[str, OptionValue]
+    sequence_fingerprint: str
+    kind: RunKind
+    index: int
+    noise_sigma: float
+    noise_seed: int
+    seed: int
+    threads: int
+    status: RunStatus
+    error: str
+    started_at: float
+    wall_s: float
+    peak_memory_bytes: int
+    host: str
+    versions: Mapping[str, str]
+    num_frames: int
+    num_poses: int
+    diagnostics: Mapping[str, DiagnosticValue]
+    trajectory_digest: str
+
+    @property
+    def coverage(self) -> float:
+        """Return registered frames over frames of the sequence."""
+        return self.num_poses / self.num_frames if self.num_frames else 0.0
+
+
+@dataclass(frozen=True)
+class RunUse:
+    """Say that a trial uses a run for one sequence; ``reused`` where the run was stored before the trial asked."""
+
+    sequence_name: str
+    run: StoredRun
+    reused: bool
+
+
+@dataclass(frozen=True)
+class TrialRun:
+    """Hold one run of one trial."""
+
+    trial_id: int
+    ordinal: int
+    sequence_name: str
+    reused: bool
+    run: StoredRun
+
+
+def find(database: Database, keys: Iterable[str]) -> dict[str, StoredRun]:
+    """Return the stored runs among these keys."""
+    found: dict[str, StoredRun] = {}
+    for some in chunks(keys):
+        query = select(*columns_of(models.Run, StoredRun)).where(models.Run.key.in_(some))
+        found.update((run.key, run) for run in (StoredRun(*row) for row in read_rows(database, query)))
+    return found
+
+
+def save(database: Database, request: RunRequest, outcome: RunOutcome) -> StoredRun:
+    """Store how a run ended and return what is stored: the first writer of a key wins.
+
+    Raises
+    ------
+    StorageError
+        The database cannot be written to; a full disk says so.
+    """
+    row = _row(request, outcome)
+    trajectory = to_bytes(outcome.trajectory)
+
+    def work(session: Session) -> StoredRun:
+        found = _one(session, row["key"])
+        if found is not None:
+            return found
+        run = models.Run(**row)
+        session.add(run)
+        session.flush()
+        session.add(models.RunOutput(run_id=run.id, trajectory=trajectory, log=outcome.log))
+        return StoredRun(id=run.id, **row)
+
+    return write(database, work)
+
+
+def _row(request: RunRequest, outcome: RunOutcome) -> dict[str, Any]:
+    return {
+        "key": request.key,
+        "pipeline": request.pipeline.name,
+        "version": request.pipeline.version,
+        "settings": dict(request.pipeline.settings),
+        "options": dict(request.options),
+        "sequence_fingerprint": request.sequence.fingerprint,
+        "kind": request.kind,
+        "index": request.index,
+        "noise_sigma": request.noise_sigma,
+        "noise_seed": request.noise_seed,
+        "seed": request.seed,
+        "threads": request.threads,
+        "status": outcome.status,
+        "error": outcome.error,
+        "started_at": outcome.started_at,
+        "wall_s": outcome.wall_s,
+        "peak_memory_bytes": outcome.peak_memory_bytes,
+        "host": outcome.host,
+        "versions": dict(outcome.versions),
+        "num_frames": len(request.sequence),
+        "num_poses": len(outcome.trajectory),
+        "diagnostics": dict(outcome.diagnostics),
+        "trajectory_digest": digest_of(outcome.trajectory),
+    }
+
+
+def _one(session: Session, key: str) -> StoredRun | None:
+    row = session.execute(select(*columns_of(models.Run, StoredRun)).where(models.Run.key == key)).one_or_none()
+    return None if row is None else StoredRun(*row)
+
+
+def link(database: Database, trial_id: int, uses: Sequence[RunUse]) -> None:
+    """Note which runs a trial uses; doing so again keeps who made them."""
+
+    def work(session: Session) -> None:
+        query = select(models.TrialRun).where(models.TrialRun.trial_id == trial_id)
+        known = {(row.sequence_name, row.kind, row.index): row for row in session.scalars(query)}
+        for use in uses:
+            row = known.get((use.sequence_name, use.run.kind, use.run.index))
+            if row is None:
+                session.add(_link_row(trial_id, use))
+            elif row.run_id != use.run.id:
+                row.run_id, row.reused = use.run.id, use.reused
+
+    write(database, work)
+
+
+def _link_row(trial_id: int, use: RunUse) -> models.TrialRun:
+    return models.TrialRun(
+        trial_id=trial_id,
+        sequence_name=use.sequence_name,
+        kind=use.run.kind,
+        index=use.run.index,
+        run_id=use.run.id,
+        reused=use.reused,
+    )
+
+
+def of_trial(database: Database, trial_id: int) -> list[TrialRun]:
+    """Return the runs of one trial, by sequence, kind and index."""
+    return _linked(database, models.Trial.id == trial_id)
+
+
+def of_study(database: Database, study_id: int) -> list[TrialRun]:
+    """Return the runs of all trials of a study, by ordinal, sequence, kind and index."""
+    return _linked(database, models.Trial.study_id == study_id)
+
+
+def _linked(database: Database, condition: Any) -> list[TrialRun]:
+    link_, trial = models.TrialRun, models.Trial
+    query = (
+        select(trial.id, trial.ordinal, link_.sequence_name, link_.reused, *columns_of(models.Run, StoredRun))
+        .join(link_, link_.trial_id == trial.id)
+        .join(models.Run, models.Run.id == link_.run_id)
+        .where(condition)
+        .order_by(trial.ordinal, link_.sequence_name, link_.kind, link_.index)
+    )
+    return [TrialRun(row[0], row[1], row[2], row[3], StoredRun(*row[4:])) for row in read_rows(database, query)]
+
+
+def log(database: Database, key: str) -> str:
+    """Return the end of what a run printed; empty where no such run is stored."""
+    query = select(models.RunOutput.log).join(models.Run, models.Run.id == models.RunOutput.run_id)
+    return read(database, lambda session: session.scalar(query.where(models.Run.key == key)) or "")

@@ -1,0 +1,98 @@
+"""Make and upgrade the tables of gtf-tune and of Optuna, safely when many processes do so at once.
+
+Both keep the revision of their tables in a table of their own: ``gtf_alembic_version`` and ``alembic_version``.
+"""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from alembic import command
+from alembic.config import Config
+from alembic.migration import MigrationContext
+from sqlalchemy import Engine, text
+from sqlalchemy.engine import URL
+
+from gtf_tune.store.engine import READ_ONLY, untuned_arguments
+
+VERSION_TABLE = "gtf_alembic_version"
+REVISIONS = ("0001",)
+_ADVISORY_LOCK = 0x6774_6674_756E_6531
+
+
+def current_revision(engine: Engine) -> str:
+    """Return the revision of our tables, or an empty text where the database has none of them."""
+    with engine.execution_options(**{READ_ONLY: True}).connect() as connection:
+        context = MigrationContext.configure(connection, opts={"version_table": VERSION_TABLE})
+        return context.get_current_revision() or ""
+
+
+def fault_of_revision(revision: str, shown_url: str) -> str:
+    """Return what a user must do about tables of this revision, or an empty text where they fit this version."""
+    if revision == REVISIONS[-1]:
+        return ""
+    upgrade = f"run 'gtf-tune storage upgrade --storage {shown_url}'"
+    if not revision:
+        return (
+            f"{shown_url} has no tables of gtf-tune yet; make them with 'gtf-tune study create ... "
+            f"--storage {shown_url}', or {upgrade}"
+        )
+    if revision in REVISIONS:
+        return f"{shown_url} was made by an older gtf-tune (revision {revision}, not {REVISIONS[-1]}); {upgrade}"
+    return (
+        f"{shown_url} was made by a newer gtf-tune (revision {revision}, this one knows {REVISIONS[-1]}); "
+        "run pip install --upgrade gtf-tune"
+    )
+
+
+def update_schema(engine: Engine, url: URL) -> None:
+    """Bring an empty, old or current database to the tables of this version; others wait meanwhile."""
+    with _alone(engine, url):
+        _update_optuna(url)
+        _update_ours(engine)
+
+
+def _update_ours(engine: Engine) -> None:
+    config = Config()
+    config.set_main_option("script_location", "gtf_tune.store:migrations")
+    config.set_main_option("path_separator", "os")
+    with engine.begin() as connection:
+        config.attributes["connection"] = connection
+        command.upgrade(config, "head")
+
+
+def _update_optuna(url: URL) -> None:
+    from optuna.storages import RDBStorage
+
+    # Optuna opens a second connection inside a transaction here, which our write lock at BEGIN would block for ever.
+    storage = RDBStorage(optuna_url(url), engine_kwargs=untuned_arguments(url), skip_compatibility_check=True)
+    if storage.get_current_version() != storage.get_head_version():
+        storage.upgrade()
+    storage.remove_session()
+    storage.engine.dispose()
+
+
+def optuna_url(url: URL) -> str:
+    """Return the URL as Optuna takes it: a text in which braces are doubled, since Optuna formats it."""
+    return url.render_as_string(hide_password=False).replace("{", "{{").replace("}", "}}")
+
+
+@contextmanager
+def _alone(engine: Engine, url: URL) -> Iterator[None]:
+    """Keep other processes out: by a lock on the folder of a SQLite file, by an advisory lock on PostgreSQL."""
+    if engine.dialect.name == "sqlite":
+        folder = os.open(Path(str(url.database)).resolve().parent, os.O_RDONLY)
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(folder)
+        return
+    with engine.execution_options(isolation_level="AUTOCOMMIT").connect() as connection:
+        connection.execute(text("SELECT pg_advisory_lock(:key)"), {"key": _ADVISORY_LOCK})
+        try:
+            yield
+        finally:
+            connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": _ADVISORY_LOCK})

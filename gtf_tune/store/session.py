@@ -1,0 +1,64 @@
+"""Do a unit of work in one transaction: the only place that opens sessions and commits."""
+
+import random
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from sqlalchemy import Engine, Executable
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+
+from gtf_tune.store.database import Database
+from gtf_tune.store.faults import is_transient, storage_error
+
+Result = TypeVar("Result")
+
+_GIVE_UP_AFTER_S = 120.0
+_LONGEST_PAUSE_S = 5.0
+_pause = time.sleep
+
+
+def read(database: Database, work: Callable[[Session], Result]) -> Result:
+    """Return what ``work`` reads from one consistent state of the database; see `write` for faults."""
+    return _repeat(database, database.reader, work)
+
+
+def read_rows(database: Database, query: Executable) -> list[tuple[Any, ...]]:
+    """Return the rows that one query finds."""
+    return read(database, lambda session: [tuple(row) for row in session.execute(query)])
+
+
+def write(database: Database, work: Callable[[Session], Result]) -> Result:
+    """Do ``work`` in one transaction and return its result, all of it or nothing.
+
+    The unit of work is done again, for at most two minutes, after a fault that may pass: a locked database, a dropped
+    connection, a server that restarts, a deadlock, a unique row that another process inserted first. So it must be
+    idempotent, even when its first commit succeeded and only the answer was lost: look first, then write.
+
+    Raises
+    ------
+    StorageError
+        The database refused the work, or the fault did not pass.
+    """
+    return _repeat(database, database.engine, work)
+
+
+def _repeat(database: Database, engine: Engine, work: Callable[[Session], Result]) -> Result:
+    give_up_at = time.monotonic() + _GIVE_UP_AFTER_S
+    pause_s = 0.05
+    while True:
+        try:
+            return _attempt(engine, work)
+        except SQLAlchemyError as error:
+            if not is_transient(error) or time.monotonic() > give_up_at:
+                raise storage_error(error, database.url) from error
+        _pause(pause_s * random.uniform(0.5, 1.0))
+        pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+
+
+def _attempt(engine: Engine, work: Callable[[Session], Result]) -> Result:
+    with Session(engine, expire_on_commit=False) as session:
+        result = work(session)
+        session.commit()
+        return result

@@ -1,0 +1,229 @@
+"""Add, find, list and delete studies."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import Any, Literal
+
+from sqlalchemy import case, delete, func, select, update
+from sqlalchemy.orm import Session
+
+from gtf_tune.errors import StorageError
+from gtf_tune.store import models
+from gtf_tune.store.database import Database
+from gtf_tune.store.optuna_tables import delete_optuna_study
+from gtf_tune.store.rows import columns_of
+from gtf_tune.store.session import read, read_rows, write
+
+StudyState = Literal["open", "paused", "done"]
+
+
+@dataclass(frozen=True)
+class StudySequence:
+    """Hold one sequence as it looked when the study was created; ``path`` is relative to the study's root."""
+
+    name: str
+    path: str
+    layout: str
+    fingerprint: str
+    num_frames: int
+    width: int
+    height: int
+    camera: str
+    has_ground_truth: bool
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class NewStudy:
+    """Hold what a study starts with.
+
+    ``definition`` is the canonical JSON of the definition, ``resolved`` what it was resolved to (noise of each
+    sequence, versions, nominal options), ``root`` the folder that the paths of the sequences are relative to.
+    """
+
+    name: str
+    optuna_study_id: int
+    definition: str
+    resolved: Mapping[str, Any]
+    root: str
+    sequences: tuple[StudySequence, ...]
+
+
+@dataclass(frozen=True)
+class Study:
+    """Hold a stored study; ``created_at`` is in seconds since 1970 UTC."""
+
+    id: int
+    name: str
+    optuna_study_id: int
+    state: StudyState
+    created_at: float
+    definition: str
+    resolved: Mapping[str, Any]
+    root: str
+
+
+@dataclass(frozen=True)
+class StudySummary:
+    """Hold one line of a list of studies; values are None where there is no such trial yet."""
+
+    id: int
+    name: str
+    state: StudyState
+    created_at: float
+    trials: int
+    claimed: int
+    complete: int
+    infeasible: int
+    pruned: int
+    failed: int
+    best_value: float | None
+    nominal_value: float | None
+    wall_s: float
+    last_finished_at: float | None
+
+
+def add(database: Database, new: NewStudy) -> Study:
+    """Store a new study and its sequences, and return it.
+
+    Raises
+    ------
+    StorageError
+        A study of this name exists already; of several that add it at once, one succeeds.
+    """
+    created_at = time.time()
+
+    def work(session: Session) -> Study:
+        found = _find(session, new.name)
+        if found is not None and found.created_at != created_at:
+            raise StorageError(
+                f"study '{new.name}' exists already in {database.shown_url}; continue it with 'gtf-tune study resume "
+                f"{new.name}', delete it with 'gtf-tune study delete {new.name}', or choose another name"
+            )
+        return found or _insert(session, new, created_at)
+
+    return write(database, work)
+
+
+def _insert(session: Session, new: NewStudy, created_at: float) -> Study:
+    row = models.Study(
+        name=new.name,
+        optuna_study_id=new.optuna_study_id,
+        state="open",
+        created_at=created_at,
+        definition=new.definition,
+        resolved=dict(new.resolved),
+        root=new.root,
+    )
+    session.add(row)
+    session.flush()
+    for sequence in new.sequences:
+        session.add(models.Sequence(study_id=row.id, **vars(sequence)))
+    return Study(row.id, new.name, new.optuna_study_id, "open", created_at, new.definition, new.resolved, new.root)
+
+
+def get(database: Database, name: str) -> Study:
+    """Return the study of this name.
+
+    Raises
+    ------
+    StorageError
+        There is none; the message shows the nearest names.
+    """
+    found = read(database, lambda session: _find(session, name))
+    if found is not None:
+        return found
+    near = get_close_matches(name, names(database), n=3)
+    hint = f"did you mean {' or '.join(repr(one) for one in near)}? " if near else ""
+    raise StorageError(
+        f"there is no study '{name}' in {database.shown_url}; {hint}Run 'gtf-tune study list --storage "
+        f"{database.shown_url}'"
+    )
+
+
+def names(database: Database) -> list[str]:
+    """Return the names of all studies, oldest first."""
+    return read(database, lambda session: list(session.scalars(select(models.Study.name).order_by(models.Study.id))))
+
+
+def open_studies(database: Database) -> list[Study]:
+    """Return the studies that workers may take up, oldest first."""
+    query = select(*columns_of(models.Study, Study)).where(models.Study.state == "open").order_by(models.Study.id)
+    return [Study(*row) for row in read_rows(database, query)]
+
+
+def sequences(database: Database, study_id: int) -> list[StudySequence]:
+    """Return the sequences of a study in the order of its definition."""
+    query = (
+        select(*columns_of(models.Sequence, StudySequence))
+        .where(models.Sequence.study_id == study_id)
+        .order_by(models.Sequence.id)
+    )
+    return [StudySequence(*row) for row in read_rows(database, query)]
+
+
+def summaries(database: Database) -> list[StudySummary]:
+    """Return one line for each study, oldest first, by one query."""
+    trial, study = models.Trial, models.Study
+    complete = trial.state == "complete"
+    query = (
+        select(
+            study.id,
+            study.name,
+            study.state,
+            study.created_at,
+            func.count(trial.id),
+            func.count(case((trial.state == "claimed", 1))),
+            func.count(case((complete, 1))),
+            func.count(case((complete & trial.feasible.is_(False), 1))),
+            func.count(case((trial.state == "pruned", 1))),
+            func.count(case((trial.state == "failed", 1))),
+            func.min(case((complete & trial.feasible.is_(True), trial.value))),
+            func.min(case((complete & (trial.ordinal == 0), trial.value))),
+            func.coalesce(func.sum(trial.wall_s), 0.0),
+            func.max(trial.finished_at),
+        )
+        .outerjoin(trial, trial.study_id == study.id)
+        .group_by(study.id)
+        .order_by(study.id)
+    )
+    return [StudySummary(*row) for row in read_rows(database, query)]
+
+
+def set_state(database: Database, study_id: int, state: StudyState) -> None:
+    """Open, pause or close a study; workers look before every trial."""
+    _set(database, study_id, state=state)
+
+
+def set_definition(database: Database, study_id: int, definition: str, resolved: Mapping[str, Any]) -> None:
+    """Replace the definition of a study by an extended one."""
+    _set(database, study_id, definition=definition, resolved=dict(resolved))
+
+
+def delete_study(database: Database, name: str) -> None:
+    """Delete a study, its Optuna study, its trials, and the runs that no other study uses.
+
+    Optuna's part goes first, so that after an interruption the study is still there to be deleted again.
+    """
+    study = get(database, name)
+    delete_optuna_study(database, study.optuna_study_id)
+    write(database, lambda session: _delete(session, study.id))
+
+
+def _delete(session: Session, study_id: int) -> None:
+    used = select(models.TrialRun.run_id).join(models.Trial, models.Trial.id == models.TrialRun.trial_id)
+    here, elsewhere = used.where(models.Trial.study_id == study_id), used.where(models.Trial.study_id != study_id)
+    session.execute(delete(models.Run).where(models.Run.id.in_(here), models.Run.id.not_in(elsewhere)))
+    session.execute(delete(models.Study).where(models.Study.id == study_id))
+
+
+def _set(database: Database, study_id: int, **values: Any) -> None:
+    statement = update(models.Study).where(models.Study.id == study_id).values(**values)
+    write(database, lambda session: session.execute(statement).close())
+
+
+def _find(session: Session, name: str) -> Study | None:
+    row = session.execute(select(*columns_of(models.Study, Study)).where(models.Study.name == name)).one_or_none()
+    return None if row is None else Study(*row)

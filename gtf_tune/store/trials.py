@@ -1,0 +1,107 @@
+"""Read trials: all of a study, the nominal one, the best one."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import Executable, Select, String, cast, column, func, select, table
+
+from gtf_tune.errors import StorageError
+from gtf_tune.pipelines.options import OptionValue
+from gtf_tune.store import models
+from gtf_tune.store.database import Database
+from gtf_tune.store.rows import columns_of
+from gtf_tune.store.session import read_rows
+from gtf_tune.store.slots import TrialState
+
+_OPTUNA_TRIALS = table("trials", column("trial_id"), column("state"))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Hold a stored trial without its matrices; numbers are None until it is complete.
+
+    ``ordinal`` counts the slots of the study from 0, the nominal trial; ``optuna_number`` is Optuna's number. Times are
+    in seconds since 1970 UTC by the database's clock.
+    """
+
+    id: int
+    study_id: int
+    ordinal: int
+    optuna_trial_id: int | None
+    optuna_number: int | None
+    state: TrialState
+    attempts: int
+    owner: str
+    host: str
+    heartbeat_at: float | None
+    options: Mapping[str, OptionValue] | None
+    value: float | None
+    feasible: bool | None
+    gtf_ate: float | None
+    standard_error: float | None
+    ci_low: float | None
+    ci_high: float | None
+    coverage: float | None
+    collapsed_rate: float | None
+    clean_runs: int
+    noisy_runs: int
+    wall_s: float
+    started_at: float
+    finished_at: float | None
+    message: str
+
+
+def of_study(database: Database, study_id: int) -> list[Trial]:
+    """Return all trials of a study by ordinal."""
+    return _read(database, _of(study_id).order_by(models.Trial.ordinal))
+
+
+def get(database: Database, study_id: int, ordinal: int) -> Trial:
+    """Return the trial in one slot of a study.
+
+    Raises
+    ------
+    StorageError
+        Nobody has taken that slot yet.
+    """
+    found = _read(database, _of(study_id).where(models.Trial.ordinal == ordinal))
+    if not found:
+        raise StorageError(f"the study has no trial {ordinal} in {database.shown_url}; see 'gtf-tune study show'")
+    return found[0]
+
+
+def best(database: Database, study_id: int) -> Trial | None:
+    """Return the feasible complete trial of the smallest value, the first of equals, or None before there is one."""
+    trial = models.Trial
+    query = _of(study_id).where(trial.state == "complete", trial.feasible.is_(True), trial.value.is_not(None))
+    found = _read(database, query.order_by(trial.value, trial.ordinal).limit(1))
+    return found[0] if found else None
+
+
+def details(database: Database, trial_ids: list[int]) -> dict[int, Mapping[str, Any]]:
+    """Return the matrices that were stored with each trial."""
+    query = select(models.Trial.id, models.Trial.detail).where(models.Trial.id.in_(trial_ids))
+    return {row[0]: row[1] for row in read_rows(database, query)}
+
+
+def counts(database: Database, study_id: int) -> dict[TrialState, int]:
+    """Return how many trials of a study are in each state; states without a trial are absent."""
+    trial = models.Trial
+    query = select(trial.state, func.count()).where(trial.study_id == study_id).group_by(trial.state)
+    return {row[0]: row[1] for row in read_rows(database, query)}
+
+
+def untold(database: Database, study_id: int) -> list[Trial]:
+    """Return finished trials whose end Optuna has not been told: their worker died between the two."""
+    running = select(_OPTUNA_TRIALS.c.trial_id).where(cast(_OPTUNA_TRIALS.c.state, String) == "RUNNING")
+    trial = models.Trial
+    return _read(database, _of(study_id).where(trial.state != "claimed", trial.optuna_trial_id.in_(running)))
+
+
+def _of(study_id: int) -> Select[*tuple[Any, ...]]:
+    return select(*columns_of(models.Trial, Trial)).where(models.Trial.study_id == study_id)
+
+
+def _read(database: Database, query: Executable) -> list[Trial]:
+    return [Trial(*row) for row in read_rows(database, query)]

@@ -1,0 +1,48 @@
+"""Store the side metric against ground truth, apart from everything that searches."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
+
+from gtf_tune.store import models
+from gtf_tune.store.database import Database
+from gtf_tune.store.rows import columns_of
+from gtf_tune.store.session import read_rows, write
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Hold the ATE against ground truth of one trial on one sequence, None where it could not be computed."""
+
+    sequence_name: str
+    ate: float | None
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+
+
+def save(database: Database, trial_id: int, validations: Sequence[Validation]) -> None:
+    """Store the side metrics of a trial, in place of earlier ones."""
+
+    def work(session: Session) -> None:
+        session.execute(delete(models.Validation).where(models.Validation.trial_id == trial_id))
+        for one in validations:
+            values = {"sequence_name": one.sequence_name, "ate": one.ate, "metrics": dict(one.metrics)}
+            session.add(models.Validation(trial_id=trial_id, **values))
+
+    write(database, work)
+
+
+def of_study(database: Database, study_id: int) -> dict[int, list[Validation]]:
+    """Return the side metrics of a study by the ordinal of the trial; trials without any are absent."""
+    query = (
+        select(models.Trial.ordinal, *columns_of(models.Validation, Validation))
+        .join(models.Trial, models.Trial.id == models.Validation.trial_id)
+        .where(models.Trial.study_id == study_id)
+        .order_by(models.Trial.ordinal, models.Validation.sequence_name)
+    )
+    found: dict[int, list[Validation]] = {}
+    for ordinal, *values in read_rows(database, query):
+        found.setdefault(ordinal, []).append(Validation(*values))
+    return found
