@@ -16,8 +16,8 @@ _PLUGIN = "gtf_tune"
 class Tuning(CreateEnginePlugin):
     """Attach the settings of connections and transactions to an engine while SQLAlchemy builds it.
 
-    A plugin is named in the arguments of ``create_engine``, so that the engine that Optuna builds for itself gets the
-    same settings, also after unpickling.
+    A plugin is named in the arguments of ``create_engine``: that is how it reaches the engine that Optuna builds for
+    itself before its first transaction.
     """
 
     def update_url(self, url: URL) -> URL:
@@ -26,11 +26,12 @@ class Tuning(CreateEnginePlugin):
 
     def engine_created(self, engine: Engine) -> None:
         """Attach the listeners that suit the database."""
-        if engine.dialect.name == "sqlite":
-            event.listen(engine, "connect", _tune_sqlite)
+        on_sqlite = engine.dialect.name == "sqlite"
+        if on_sqlite:
             event.listen(engine, "begin", _begin_sqlite)
-        else:
-            event.listen(engine, "connect", _tune_postgresql)
+        tune = _tune_sqlite if on_sqlite else _tune_postgresql
+        if not event.contains(engine.pool, "connect", tune):
+            event.listen(engine.pool, "connect", tune)
 
 
 def _tune_sqlite(connection: Any, _: object) -> None:
@@ -55,14 +56,14 @@ def _tune_postgresql(connection: Any, _: object) -> None:
     connection.commit()
 
 
-def engine_arguments(url: URL) -> dict[str, Any]:
-    """Return the arguments of ``create_engine`` that our engine and Optuna's share, tuning included."""
+def shared_arguments(engine: Engine) -> dict[str, Any]:
+    """Return the arguments of ``create_engine`` for a second engine on the connections of the first."""
     plugins.register(_PLUGIN, __name__, Tuning.__name__)
-    return {**untuned_arguments(url), "plugins": [_PLUGIN]}
+    return {"pool": engine.pool, "plugins": [_PLUGIN], "hide_parameters": True}
 
 
 def untuned_arguments(url: URL) -> dict[str, Any]:
-    """Return the same arguments without the tuning of transactions."""
+    """Return the arguments of ``create_engine`` for connections of their own, without the tuning of transactions."""
     if url.get_backend_name() == "sqlite":
         return {"connect_args": {"timeout": _LOCK_TIMEOUT_S}, "hide_parameters": True}
     alive = {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 60_000}
@@ -79,8 +80,9 @@ def make_engine(url: URL) -> Engine:
     StorageError
         The driver of PostgreSQL is not installed.
     """
+    plugins.register(_PLUGIN, __name__, Tuning.__name__)
     try:
-        return create_engine(url, **engine_arguments(url))
+        return create_engine(url, plugins=[_PLUGIN], **untuned_arguments(url))
     except ModuleNotFoundError as error:
         raise StorageError(
             f"storage on PostgreSQL needs the driver '{error.name}'; run pip install 'gtf-tune[postgres]'"

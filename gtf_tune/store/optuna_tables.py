@@ -1,11 +1,12 @@
 """Give Optuna a storage on our database; Optuna is imported only when a function here is called."""
 
 import warnings
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from gtf_tune.errors import StorageError
 from gtf_tune.store.database import Database
-from gtf_tune.store.engine import engine_arguments
+from gtf_tune.store.engine import shared_arguments
 from gtf_tune.store.schema import optuna_url
 
 if TYPE_CHECKING:
@@ -13,9 +14,10 @@ if TYPE_CHECKING:
 
 
 def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: int | None = None) -> "RDBStorage":
-    """Return Optuna's storage on the same database with the same tuning of connections and transactions.
+    """Return Optuna's storage on the connections of the same database, with the same tuning of transactions.
 
-    ``heartbeat_s`` and ``grace_s`` are Optuna's ``heartbeat_interval`` and ``grace_period`` in seconds.
+    `Database.close` closes it too. ``heartbeat_s`` and ``grace_s`` are Optuna's ``heartbeat_interval`` and
+    ``grace_period``, in seconds.
 
     Raises
     ------
@@ -29,7 +31,7 @@ def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: 
         warnings.simplefilter("ignore", ExperimentalWarning)
         storage = RDBStorage(
             optuna_url(database.url),
-            engine_kwargs=engine_arguments(database.url),
+            engine_kwargs=shared_arguments(database.engine),
             # Optuna's own check opens a second connection inside a transaction, which would block on the first.
             skip_compatibility_check=True,
             heartbeat_interval=heartbeat_s,
@@ -46,11 +48,5 @@ def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: 
 
 def delete_optuna_study(database: Database, optuna_study_id: int) -> None:
     """Delete an Optuna study with its trials, if it is still there."""
-    storage = optuna_storage(database)
-    try:
-        storage.delete_study(optuna_study_id)
-    except KeyError:
-        return
-    finally:
-        storage.remove_session()
-        storage.engine.dispose()
+    with suppress(KeyError):
+        optuna_storage(database).delete_study(optuna_study_id)
