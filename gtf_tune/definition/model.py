@@ -1,7 +1,7 @@
 """Define a whole study: pipeline, sequences, space, score, search and limits."""
 
 import re
-from typing import Literal, Self
+from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -50,6 +50,13 @@ class SequenceDefinition(Section):
     @classmethod
     def _check_name(cls, name: str) -> str:
         return check_name(name)
+
+    @property
+    def selection(self) -> dict[str, Any]:
+        """Return the fields that choose frames and their size, as far as they are given."""
+        names = ("start", "stop", "stride", "max_frames", "rate_hz", "max_image_size")
+        given = {name: getattr(self, name) for name in names}
+        return {name: value for name, value in given.items() if value is not None}
 
 
 class SearchDefinition(Section):

@@ -1,1 +1,1 @@
-"""study"""
+"""Create, run, resume and read studies."""

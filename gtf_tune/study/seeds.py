@@ -31,7 +31,7 @@ class SeedSource:
         return _hash(self.study_seed, self.purpose, "noise", fingerprint, index, ordinal) & _BITS_63
 
     def sampler_seed(self, ordinal: int) -> int:
-        """Return the sampler's seed for one trial, the same whether or not the study was interrupted before; 31 bits."""
+        """Return the sampler's seed for one trial; 31 bits. An interruption before it changes nothing."""
         return _hash(self.study_seed, "sampler", ordinal) & _BITS_31
 
 

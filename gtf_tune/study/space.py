@@ -133,7 +133,7 @@ def _hull(spec: OptionSpec, values: tuple[OptionValue, ...]) -> BaseDistribution
     """Return the interval around a numeric list: a grid tries every value, and plots want a numeric axis."""
     numbers = [value for value in values if isinstance(value, int | float)]
     low, high = min(numbers), max(numbers)
-    log = low > 0 and high / low >= 10  # noqa: PLR2004 - a decade or more reads better in logarithms
+    log = low > 0 and high / low >= 10
     if low == high:
         return CategoricalDistribution(values)
     if spec.kind == "int":

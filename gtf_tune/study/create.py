@@ -1,0 +1,188 @@
+"""Create a study in a database, and open a stored one."""
+
+import contextlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import optuna
+from pydantic import TypeAdapter, ValidationError
+
+from gtf_tune.definition import Axis, StudyDefinition, definition_from_dict, dump_definition
+from gtf_tune.errors import DefinitionError, GtfTuneError, StorageError
+from gtf_tune.pipelines import create_pipeline
+from gtf_tune.sequence import Sequence
+from gtf_tune.store import studies
+from gtf_tune.store.database import Database
+from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.studies import NewStudy, Study, StudySequence
+from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence, make_pipeline
+from gtf_tune.study.sampler import make_pruner, make_sampler, require_extra
+from gtf_tune.study.space import build_space, space_faults
+from gtf_tune.version import __version__
+
+METRIC_NAME = "GTF ATE"
+
+
+def checked_definition(data: Mapping[str, Any], source: str) -> StudyDefinition:
+    """Return a definition whose options and axes suit its pipeline.
+
+    Raises
+    ------
+    DefinitionError
+        Something is wrong; the message names every fault of the file, the shape of it and the options in it alike.
+    """
+    return definition_from_dict(data, source, faults=_option_faults(data))
+
+
+def create_study(database: Database, definition: StudyDefinition, root: Path) -> Study:
+    """Check a definition against its sequences, store it, and return the stored study.
+
+    ``root`` is the folder that the paths of the sequences are relative to.
+
+    Raises
+    ------
+    GtfTuneError
+        A sequence cannot be read, an option is refused, a package is missing, or the name is taken.
+    """
+    pipeline = make_pipeline(definition)
+    pipeline.options.check(definition.pipeline.options)
+    build_space(definition, pipeline.options)
+    require_extra(definition.search.sampler)
+    refuse_taken_name(database, definition.name)
+    loaded = [load_defined_sequence(one, root) for one in definition.sequences]
+    rows = tuple(_row(one.path, sequence) for one, sequence in zip(definition.sequences, loaded, strict=True))
+    resolved = {
+        "noise_sigma": _sigmas(definition),
+        "versions": {"gtf_tune": __version__, pipeline.name: pipeline.version, "optuna": optuna.__version__},
+    }
+    new = NewStudy(
+        definition.name, _optuna_study(database, definition), dump_definition(definition), resolved, str(root), rows
+    )
+    return studies.add(database, new)
+
+
+def open_study(
+    database: Database, name: str, places: Mapping[str, Path] | None = None, *, allow_version_mismatch: bool = False
+) -> OpenStudy:
+    """Return a stored study, ready for work on this machine.
+
+    ``places`` gives the folders of sequences that lie elsewhere here than where the study was created.
+
+    Raises
+    ------
+    GtfTuneError
+        The study does not exist, its images are missing or differ, or the pipeline has another version here.
+    """
+    record = studies.get(database, name)
+    definition = definition_from_dict(json.loads(record.definition), f"study '{name}'")
+    pipeline = make_pipeline(definition)
+    if not allow_version_mismatch:
+        _check_version(record, pipeline.name, pipeline.version)
+    expected = {one.name: one.fingerprint for one in studies.sequences(database, record.id)}
+    sequences: dict[str, Sequence] = {}
+    for one in definition.searched_sequences:
+        sequence = load_defined_sequence(one, Path(record.root), (places or {}).get(one.name))
+        check_fingerprint(sequence, expected[one.name])
+        sequences[one.name] = sequence
+    optuna_study = optuna.load_study(
+        study_name=name,
+        storage=optuna_storage(database),
+        sampler=make_sampler(definition.search, 0),
+        pruner=make_pruner(definition.search),
+    )
+    return OpenStudy(
+        database=database,
+        record=record,
+        definition=definition,
+        pipeline=pipeline,
+        space=build_space(definition, pipeline.options),
+        sequences=sequences,
+        sigmas={str(key): float(value) for key, value in record.resolved["noise_sigma"].items()},
+        optuna_study=optuna_study,
+    )
+
+
+def refuse_taken_name(database: Database, name: str) -> None:
+    """Raise `StorageError` if the database has a study of this name."""
+    if name in studies.names(database):
+        raise StorageError(
+            f"study '{name}' exists already in {database.shown_url}; continue it with 'gtf-tune study resume {name}', "
+            f"delete it with 'gtf-tune study delete {name}', or choose another name"
+        )
+
+
+def _optuna_study(database: Database, definition: StudyDefinition) -> int:
+    """Create the Optuna study, or take over the empty one of a creation that was interrupted."""
+    storage = optuna_storage(database)
+    study = optuna.create_study(study_name=definition.name, storage=storage, direction="minimize", load_if_exists=True)
+    if study.get_trials(deepcopy=False):
+        raise StorageError(
+            f"{database.shown_url} has an Optuna study '{definition.name}' with trials that gtf-tune did not make; "
+            "choose another name"
+        )
+    study.set_metric_names([METRIC_NAME])
+    return study._study_id
+
+
+def _option_faults(data: Mapping[str, Any]) -> list[str]:
+    section = data.get("pipeline")
+    if not isinstance(section, Mapping) or not isinstance(section.get("name"), str):
+        return []
+    try:
+        table = create_pipeline(section["name"], section.get("settings") or {}).options
+    except GtfTuneError as error:
+        return [str(error)]
+    faults: list[str] = []
+    for name, value in _mapping(section.get("options")).items():
+        try:
+            table.check({name: value})
+        except GtfTuneError as error:
+            faults.append(str(error))
+    return faults + space_faults(_sound_axes(data.get("space")), table)
+
+
+def _sound_axes(space: object) -> dict[str, Axis]:
+    """Return the axes that have the right shape; the others are reported as faults of the definition."""
+    adapter: TypeAdapter[Axis] = TypeAdapter(Axis)
+    axes: dict[str, Axis] = {}
+    for name, axis in _mapping(space).items():
+        with contextlib.suppress(ValidationError):
+            axes[name] = adapter.validate_python(axis)
+    return axes
+
+
+def _mapping(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _sigmas(definition: StudyDefinition) -> dict[str, float]:
+    sigma = definition.gtf.noise_sigma
+    if isinstance(sigma, str):
+        raise DefinitionError("noise_sigma = 'auto' is not available yet")
+    return {one.name: sigma for one in definition.sequences}
+
+
+def _row(path: str, sequence: Sequence) -> StudySequence:
+    camera = sequence.camera
+    return StudySequence(
+        name=sequence.name,
+        path=path,
+        layout=sequence.layout,
+        fingerprint=sequence.fingerprint,
+        num_frames=len(sequence),
+        width=sequence.width,
+        height=sequence.height,
+        camera=f"{camera.model} {' '.join(repr(value) for value in camera.params)}" if camera else "unknown",
+        has_ground_truth=sequence.ground_truth is not None,
+    )
+
+
+def _check_version(record: Study, pipeline: str, version: str) -> None:
+    began_with = record.resolved["versions"].get(pipeline)
+    if began_with != version:
+        raise DefinitionError(
+            f"study '{record.name}' began with {pipeline} {began_with}, but {version} is installed here; install that "
+            "version, or accept mixed results with --allow-version-mismatch"
+        )

@@ -1,0 +1,122 @@
+"""Obtain the runs of a trial: from the database where they exist, from the executor otherwise."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from gtf_tune.execution import Executor, RunLimits
+from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
+from gtf_tune.store import runs
+from gtf_tune.store.database import Database
+from gtf_tune.store.runs import StoredRun
+from gtf_tune.study.stop import STOP_NOW, StopRequest
+
+_POLL_S = 0.2
+
+
+class Interrupted(Exception):
+    """Signal that someone asked to stop before the trial was complete; what has finished is stored."""
+
+
+@dataclass(frozen=True)
+class RunSlot:
+    """Name one run of a trial: sequence, kind and index."""
+
+    sequence: str
+    kind: RunKind
+    index: int
+
+
+class RunListener(Protocol):
+    """Hear of runs as they end."""
+
+    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
+        """Take note of a run that is now stored."""
+        ...
+
+
+@dataclass(frozen=True)
+class RunSource:
+    """Provide finished runs: reuse what is stored, execute and store the rest."""
+
+    database: Database
+    executor: Executor
+    limits: RunLimits
+    stop: StopRequest
+    listener: RunListener
+
+    def obtain(self, requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, "ObtainedRun"]:
+        """Return a finished run for every request, in the same order.
+
+        Raises
+        ------
+        Interrupted
+            Someone asked to stop; runs that finished are stored.
+        """
+        keys = {slot: request.key for slot, request in requests.items()}
+        known = runs.find(self.database, list(keys.values()))
+        obtained = {slot: ObtainedRun(known[key], reused=True) for slot, key in keys.items() if key in known}
+        for slot, run in obtained.items():
+            self.listener.run_finished(slot, run.run, reused=True)
+        missing = {slot: request for slot, request in requests.items() if slot not in obtained}
+        obtained.update(self._execute(missing))
+        return {slot: obtained[slot] for slot in requests}
+
+    def _execute(self, missing: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, "ObtainedRun"]:
+        if not missing:
+            return {}
+        if self.stop.level:
+            raise Interrupted
+        batch = _Batch(self, missing)
+        return batch.finish()
+
+
+@dataclass(frozen=True)
+class ObtainedRun:
+    """Hold a stored run and whether it was there before the trial asked for it."""
+
+    run: StoredRun
+    reused: bool
+
+
+@dataclass
+class _Batch:
+    """Follow the runs that one trial waits for, and store each as soon as it ends."""
+
+    source: RunSource
+    requests: Mapping[RunSlot, RunRequest]
+    finished: dict[RunSlot, ObtainedRun] = field(default_factory=dict)
+
+    def finish(self) -> dict[RunSlot, ObtainedRun]:
+        """Wait for all runs and return them as stored."""
+        futures = {
+            slot: self.source.executor.submit(request, self.source.limits) for slot, request in self.requests.items()
+        }
+        told = False
+        waiting = dict(futures)
+        while waiting:
+            if self.source.stop.level and not told:
+                told = True
+                self.source.executor.cancel_waiting()
+            if self.source.stop.level >= STOP_NOW:
+                raise Interrupted
+            _wait_a_little(list(waiting.values()))
+            for slot in [slot for slot, future in waiting.items() if future.done()]:
+                self._store(slot, waiting.pop(slot))
+        if len(self.finished) < len(self.requests):
+            raise Interrupted
+        return self.finished
+
+    def _store(self, slot: RunSlot, future: "Future[RunOutcome]") -> None:
+        try:
+            outcome = future.result()
+        except CancelledError:
+            return
+        run = runs.save(self.source.database, self.requests[slot], outcome)
+        self.finished[slot] = ObtainedRun(run, reused=False)
+        self.source.listener.run_finished(slot, run, reused=False)
+
+
+def _wait_a_little(futures: Sequence["Future[RunOutcome]"]) -> None:
+    wait(futures, timeout=_POLL_S, return_when=FIRST_COMPLETED)

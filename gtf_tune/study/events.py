@@ -1,0 +1,49 @@
+"""Say what happens while a study runs, for whoever shows or records it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from gtf_tune.pipelines import OptionValue
+from gtf_tune.store.runs import StoredRun
+from gtf_tune.study.evaluation import RunSlot
+from gtf_tune.study.objective import TrialScore
+
+
+@dataclass(frozen=True)
+class TrialEnd:
+    """Hold the end of a trial: its slot, options and score."""
+
+    ordinal: int
+    options: Mapping[str, OptionValue]
+    score: TrialScore
+    noisy_runs: int
+
+
+class StudyListener(Protocol):
+    """Hear of trials and runs; called from the thread that works on the trial."""
+
+    def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
+        """Take note of a trial whose options are chosen."""
+        ...
+
+    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
+        """Take note of a run that is now stored."""
+        ...
+
+    def trial_finished(self, end: TrialEnd) -> None:
+        """Take note of a trial that is complete and stored."""
+        ...
+
+
+class Silent:
+    """Hear and do nothing."""
+
+    def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
+        """Do nothing."""
+
+    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
+        """Do nothing."""
+
+    def trial_finished(self, end: TrialEnd) -> None:
+        """Do nothing."""

@@ -1,0 +1,154 @@
+"""Turn the runs of a trial into its value: the GTF score, with coverage as a constraint.
+
+Nothing here knows whether ground truth exists.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtf_tune.definition import GtfDefinition
+from gtf_tune.gtf import GtfScore, GtfSettings, gtf_score
+from gtf_tune.trajectory import Trajectory
+
+_UNBOUNDED_PENALTY = 1e6
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """Hold what the objective needs of one run: its trajectory (empty if it failed) and why it failed."""
+
+    trajectory: Trajectory
+    error: str = ""
+
+
+@dataclass(frozen=True)
+class SequenceScore:
+    """Hold the score of one sequence, or why there is none.
+
+    ``violation`` is how far the worst run stays below the coverage floor (0 where none does), ``coverage`` the least
+    coverage of any run, both as fractions of the sequence's frames.
+    """
+
+    score: GtfScore | None
+    coverage: float
+    violation: float
+    message: str = ""
+
+    @property
+    def feasible(self) -> bool:
+        """Tell whether every run reaches the coverage floor and every pair could be aligned."""
+        return self.score is not None and self.violation <= 0 and not self.message
+
+
+@dataclass(frozen=True)
+class TrialScore:
+    """Hold the value of a trial.
+
+    ``value`` is what the sampler minimises: the GTF score, or a penalty above every possible score if the trial is
+    infeasible. ``violation`` is the constraint (feasible where <= 0).
+    """
+
+    value: float
+    violation: float
+    coverage: float
+    message: str
+    by_sequence: Mapping[str, SequenceScore]
+
+    @property
+    def feasible(self) -> bool:
+        """Tell whether the trial may be picked."""
+        return self.violation <= 0
+
+    @property
+    def standard_error(self) -> float:
+        """Return the standard error of ``value``; NaN where it cannot be said."""
+        scores = [one.score for one in self.by_sequence.values()]
+        if len(scores) != 1 or scores[0] is None:
+            return math.nan
+        return scores[0].standard_error
+
+    @property
+    def confidence_interval(self) -> tuple[float, float]:
+        """Return the 95 % confidence interval of ``value``; NaN where it cannot be said."""
+        scores = [one.score for one in self.by_sequence.values()]
+        if len(scores) != 1 or scores[0] is None:
+            return (math.nan, math.nan)
+        return scores[0].confidence_interval
+
+
+def settings_of(gtf: GtfDefinition) -> GtfSettings:
+    """Return the settings of the score that a definition asks for."""
+    return GtfSettings(
+        metric=gtf.metric,
+        alignment=gtf.alignment,
+        aggregate=gtf.aggregate,
+        normalise=gtf.normalise,
+        rpe_delta=gtf.rpe_delta,
+        rpe_delta_unit=gtf.rpe_delta_unit,
+        rpe_pairs=gtf.rpe_pairs,
+    )
+
+
+def score_sequence(
+    clean: Sequence[FinishedRun], noisy: Sequence[FinishedRun], *, num_frames: int, floor: float, gtf: GtfDefinition
+) -> SequenceScore:
+    """Return the score of one sequence from its runs, in the order in which they count.
+
+    ``floor`` is the least coverage, a fraction of ``num_frames``, that every run must reach.
+    """
+    runs = [*clean, *noisy]
+    coverages = [len(run.trajectory) / num_frames for run in runs]
+    coverage = min(coverages)
+    errors = [run.error for run in runs if run.error]
+    if coverage < floor or errors:
+        message = errors[0] if errors else f"a run registered {coverage:.0%} of the frames, less than {floor:.0%}"
+        return SequenceScore(None, coverage, max(floor - coverage, 1e-9), message)
+    score = gtf_score(
+        [run.trajectory for run in clean], [run.trajectory for run in noisy], settings_of(gtf), num_frames=num_frames
+    )
+    if score.pair_errors:
+        reason = next(iter(score.pair_errors.values()))
+        failing = len(score.pair_errors) / (len(clean) * len(noisy))
+        return SequenceScore(score, coverage, failing, reason)
+    return SequenceScore(score, coverage, min(floor - coverage, 0.0))
+
+
+def score_trial(
+    by_sequence: Mapping[str, SequenceScore], nominal: Mapping[str, float] | None, gtf: GtfDefinition
+) -> TrialScore:
+    """Return the value of a trial from the scores of its sequences.
+
+    One sequence: its score. Several: the geometric mean over sequences of score / nominal score, so that no sequence
+    counts more for being larger or harder; ``nominal`` holds the scores of trial 0 (``None`` while it is being scored).
+    """
+    coverage = min(one.coverage for one in by_sequence.values())
+    infeasible = {name: one for name, one in by_sequence.items() if not one.feasible}
+    if infeasible:
+        name, worst = max(infeasible.items(), key=lambda item: item[1].violation)
+        message = worst.message if len(by_sequence) == 1 else f"{name}: {worst.message}"
+        value = penalty(gtf, len(by_sequence)) * (2.0 - coverage)
+        return TrialScore(value, max(worst.violation, 1e-9), coverage, message, by_sequence)
+    violation = max(one.violation for one in by_sequence.values())
+    value = _combine(by_sequence, nominal)
+    return TrialScore(value, violation, coverage, "", by_sequence)
+
+
+def penalty(gtf: GtfDefinition, num_sequences: int = 1) -> float:
+    """Return a value that no feasible score exceeds.
+
+    A Sim(3)-aligned ATE never exceeds the extent (scale 0 is allowed), an angle never 180 degrees; metrics in unknown
+    units, and scores relative to nominal, have no bound of their own.
+    """
+    bound = settings_of(gtf).upper_bound
+    return bound if math.isfinite(bound) and num_sequences == 1 else _UNBOUNDED_PENALTY
+
+
+def _combine(by_sequence: Mapping[str, SequenceScore], nominal: Mapping[str, float] | None) -> float:
+    values = {name: one.score.value for name, one in by_sequence.items() if one.score is not None}
+    if len(values) == 1:
+        return next(iter(values.values()))
+    reference = nominal or values
+    return float(np.exp(np.mean([math.log(values[name] / reference[name]) for name in values])))

@@ -1,0 +1,86 @@
+"""Open a stored study for work on this machine: its definition, pipeline, sequences and Optuna study."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import optuna
+
+from gtf_tune.definition import SequenceDefinition, StudyDefinition
+from gtf_tune.errors import SequenceError
+from gtf_tune.pipelines import Pipeline, create_pipeline
+from gtf_tune.sequence import Camera, Selection, Sequence, load_sequence
+from gtf_tune.store.database import Database
+from gtf_tune.store.studies import Study
+from gtf_tune.study.plan import RunPlanner
+from gtf_tune.study.seeds import SeedSource
+from gtf_tune.study.space import SearchSpace
+
+_DEFAULT_TRIALS = 50
+
+
+@dataclass(frozen=True, eq=False)
+class OpenStudy:
+    """Hold a study that can be worked on here.
+
+    ``sequences`` are those that the search sees, by name; ``sigmas`` their noise in grey levels.
+    """
+
+    database: Database
+    record: Study
+    definition: StudyDefinition
+    pipeline: Pipeline
+    space: SearchSpace
+    sequences: Mapping[str, Sequence]
+    sigmas: Mapping[str, float]
+    optuna_study: optuna.Study = field(repr=False)
+
+    @property
+    def planner(self) -> RunPlanner:
+        """Return the planner of the search's runs."""
+        seeds = SeedSource(self.definition.search.seed)
+        return RunPlanner(self.pipeline, self.definition.gtf, seeds, self.definition.pipeline.options)
+
+    @property
+    def budget(self) -> int:
+        """Return the number of trials, nominal included."""
+        return trial_budget(self.definition, self.space)
+
+
+def trial_budget(definition: StudyDefinition, space: SearchSpace) -> int:
+    """Return the number of trials of a study: what it asks for, a grid's size, or 50."""
+    if definition.search.sampler == "grid":
+        size = space.grid_size()
+        return min(size, definition.search.trials or size)
+    return definition.search.trials or _DEFAULT_TRIALS
+
+
+def load_defined_sequence(definition: SequenceDefinition, root: Path, override: Path | None = None) -> Sequence:
+    """Load a sequence as its definition says; relative paths start at ``root``, ``override`` replaces the path."""
+    sequence = load_sequence(
+        override or root / definition.path,
+        name=definition.name,
+        layout=definition.layout,
+        selection=Selection(**definition.selection),
+    )
+    if definition.camera == "auto":
+        return sequence
+    if definition.camera == "unknown":
+        return replace(sequence, camera=None)
+    camera = Camera(definition.camera.model, *sequence.stored_size, params=tuple(definition.camera.params))
+    return replace(sequence, camera=camera.scaled(sequence.width, sequence.height))
+
+
+def check_fingerprint(sequence: Sequence, expected: str) -> None:
+    """Raise `SequenceError` if the pixels of a sequence are not those that the study began with."""
+    if sequence.fingerprint != expected:
+        raise SequenceError(
+            f"sequence '{sequence.name}' at {sequence.root} has other pixels than when the study began "
+            f"(fingerprint {sequence.fingerprint[:12]}, not {expected[:12]}); restore them, give their place with "
+            f"--sequence {sequence.name}=PATH, or create a new study"
+        )
+
+
+def make_pipeline(definition: StudyDefinition) -> Pipeline:
+    """Return the pipeline that a definition names."""
+    return create_pipeline(definition.pipeline.name, definition.pipeline.settings)

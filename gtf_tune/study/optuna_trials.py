@@ -1,0 +1,64 @@
+"""Keep Optuna's trials in step with the slots of a study's budget."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import optuna
+from optuna.storages import BaseStorage
+from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
+
+_SLOT = "gtf_tune:slot"
+_FIXED = "fixed_params"  # where Optuna's own enqueue_trial keeps the values that a trial must take
+
+
+def create_for_slot(study: optuna.Study, ordinal: int, fixed: Mapping[str, Any] | None) -> int:
+    """Create the waiting Optuna trial of a slot and return its id.
+
+    The trial is created in one transaction with its slot number inside, so a process killed at any moment leaves a
+    trial that `find_for_slot` finds. ``fixed`` are values that it must take; ``None`` lets the sampler choose.
+    """
+    template = create_trial(
+        state=TrialState.WAITING,
+        system_attrs={_SLOT: ordinal, **({_FIXED: dict(fixed)} if fixed is not None else {})},
+    )
+    return storage_of(study).create_new_trial(study_id_of(study), template_trial=template)
+
+
+def find_for_slot(study: optuna.Study, ordinal: int) -> int | None:
+    """Return the id of the trial that an earlier owner of the slot created, or ``None`` if it did not get so far."""
+    for trial in storage_of(study).get_all_trials(study_id_of(study), deepcopy=False):
+        if trial.system_attrs.get(_SLOT) == ordinal:
+            return trial._trial_id
+    return None
+
+
+def start(study: optuna.Study, trial_id: int) -> Trial:
+    """Return the running trial of an id; a trial that another owner has begun is continued with the same options."""
+    if frozen(study, trial_id).state == TrialState.WAITING:
+        storage_of(study).set_trial_state_values(trial_id, state=TrialState.RUNNING)
+    return Trial(study, trial_id)
+
+
+def frozen(study: optuna.Study, trial_id: int) -> FrozenTrial:
+    """Return a trial as the database has it."""
+    return storage_of(study).get_trial(trial_id)
+
+
+def is_finished(study: optuna.Study, trial_id: int) -> bool:
+    """Tell whether a trial has its final state."""
+    return frozen(study, trial_id).state.is_finished()
+
+
+def storage_of(study: optuna.Study) -> BaseStorage:
+    """Return the storage of a study."""
+    return study._storage
+
+
+def study_id_of(study: optuna.Study) -> int:
+    """Return the database id of a study."""
+    return study._study_id
+
+
+def tell(study: optuna.Study, number: int, value: float) -> None:
+    """Give a trial its final value; a trial that already has one keeps it."""
+    study.tell(number, value, skip_if_finished=True)

@@ -1,0 +1,94 @@
+"""Write down what a trial found: in Optuna's terms and in ours."""
+
+import math
+from typing import Any
+
+import numpy as np
+from optuna.trial import Trial
+
+from gtf_tune.store.slots import TrialResult
+from gtf_tune.study.objective import SequenceScore
+from gtf_tune.study.reference import Reference
+from gtf_tune.study.scoring import ScoredTrial
+
+COVERAGE_CONSTRAINT = "coverage"
+
+
+def report_instances(trial: Trial, scored: ScoredTrial) -> None:
+    """Report the value of each noisy instance as an intermediate value, its number being the step."""
+    for step, value in enumerate(scored.instances):
+        trial.report(value, step)
+
+
+def set_attributes(trial: Trial, scored: ScoredTrial, reference: Reference) -> None:
+    """Give Optuna the constraint and the headline numbers; short scalars only, left out where they do not exist.
+
+    ``improvement_percent`` is positive where the trial beats nominal.
+    """
+    score = scored.score
+    trial.set_constraint(COVERAGE_CONSTRAINT, score.violation)
+    attributes: dict[str, Any] = {"coverage": round(score.coverage, 4), "noisy_runs": scored.noisy_runs}
+    if score.feasible:
+        attributes["gtf_ate"] = score.value
+        if math.isfinite(score.standard_error):
+            attributes["gtf_se"] = score.standard_error
+        if reference.nominal_value:
+            attributes["improvement_percent"] = round(100 * (1 - score.value / reference.nominal_value), 2)
+    for name, value in attributes.items():
+        trial.set_user_attr(name, value)
+
+
+def trial_result(scored: ScoredTrial, wall_s: float) -> TrialResult:
+    """Return the row of a trial, its matrices included."""
+    score = scored.score
+    low, high = score.confidence_interval
+    collapsed = [flag for one in score.by_sequence.values() if one.score for flag in one.score.collapsed.tolist()]
+    return TrialResult(
+        state="complete",
+        value=score.value,
+        feasible=score.feasible,
+        gtf_ate=score.value if score.feasible else None,
+        standard_error=_known(score.standard_error),
+        ci_low=_known(low),
+        ci_high=_known(high),
+        coverage=score.coverage,
+        collapsed_rate=float(np.mean(collapsed)) if collapsed else None,
+        clean_runs=sum(use.run.kind == "clean" for use in scored.uses),
+        noisy_runs=sum(use.run.kind == "noisy" for use in scored.uses),
+        wall_s=wall_s,
+        message=score.message,
+        detail={
+            "sequences": {
+                name: _sequence_detail(one, scored.clean_coverage[name]) for name, one in score.by_sequence.items()
+            },
+            "instances": list(scored.instances),
+            "sizing": scored.sizing_reason,
+        },
+    )
+
+
+def _sequence_detail(one: SequenceScore, clean_coverage: float) -> dict[str, Any]:
+    detail: dict[str, Any] = {
+        "value": None,
+        "coverage": one.coverage,
+        "coverage_nominal": clean_coverage,
+        "message": one.message,
+    }
+    if one.score is None:
+        return detail
+    score = one.score
+    return detail | {
+        "value": _known(score.value) if one.feasible else None,
+        "standard_error": _known(score.standard_error),
+        "ci": [_known(bound) for bound in score.confidence_interval],
+        "matrix": [[_known(value) for value in row] for row in score.matrix.tolist()],
+        "pair_errors": {f"{i},{j}": reason for (i, j), reason in score.pair_errors.items()},
+        "coverage_clean": score.coverage_clean.tolist(),
+        "coverage_noisy": score.coverage_noisy.tolist(),
+        "collapsed": score.collapsed.tolist(),
+        "extent": _known(score.extent),
+    }
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,127 @@
+"""Run one trial from its slot to its result."""
+
+import itertools
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from optuna.trial import Trial
+
+from gtf_tune.execution import Executor, RunLimits
+from gtf_tune.pipelines import OptionValue
+from gtf_tune.store import runs, slots
+from gtf_tune.study import optuna_trials
+from gtf_tune.study.evaluation import Interrupted, RunSource
+from gtf_tune.study.events import StudyListener, TrialEnd
+from gtf_tune.study.heartbeat import Heartbeat
+from gtf_tune.study.opened import OpenStudy
+from gtf_tune.study.reference import Reference, read_reference
+from gtf_tune.study.result import report_instances, set_attributes, trial_result
+from gtf_tune.study.sampler import make_sampler
+from gtf_tune.study.scoring import ScoredTrial, TrialRuns
+from gtf_tune.study.side_metric import record_side_metric
+from gtf_tune.study.sizing import Sizing, Standing
+from gtf_tune.study.stop import StopRequest
+
+_GIB = 2**30
+
+
+@dataclass(frozen=True)
+class TrialRunner:
+    """Run trials of one study; safe to use from several threads."""
+
+    study: OpenStudy
+    executor: Executor
+    sizing: Sizing
+    stop: StopRequest
+    listener: StudyListener
+    heartbeat: Heartbeat
+    ask_lock: threading.Lock
+
+    def run(self, slot: slots.Slot) -> None:
+        """Take a slot to its end.
+
+        Whatever goes wrong on the way, finished runs are stored, and the slot is given back for the next worker.
+
+        Raises
+        ------
+        Interrupted
+            Someone asked to stop, or another worker has taken the slot over.
+        """
+        self.heartbeat.hold(slot)
+        try:
+            end = self._run(slot)
+        except BaseException:
+            slots.release(self.study.database, slot)
+            raise
+        finally:
+            self.heartbeat.drop(slot)
+        self.listener.trial_finished(end)
+
+    def _run(self, slot: slots.Slot) -> TrialEnd:
+        started = time.perf_counter()
+        trial, options = self._ask(slot)
+        reference = read_reference(self.study, slot.ordinal)
+        scored = self._score(slot, options, reference)
+        database = self.study.database
+        runs.link(database, slot.trial_id, scored.uses)
+        report_instances(trial, scored)
+        set_attributes(trial, scored, reference)
+        record_side_metric(self.study, slot, trial, scored)
+        result = trial_result(scored, wall_s=time.perf_counter() - started)
+        if not slots.finish(database, slot, result):
+            raise Interrupted
+        optuna_trials.tell(self.study.optuna_study, trial.number, scored.score.value)
+        return TrialEnd(slot.ordinal, options, scored.score, scored.noisy_runs)
+
+    def _ask(self, slot: slots.Slot) -> tuple[Trial, dict[str, OptionValue]]:
+        study = self.study.optuna_study
+        with self.ask_lock:
+            study.sampler = make_sampler(self.study.definition.search, slot.ordinal)
+            trial_id = slot.optuna_trial_id
+            if trial_id is None and slot.attempts > 1:
+                trial_id = optuna_trials.find_for_slot(study, slot.ordinal)
+            if trial_id is None:
+                trial_id = optuna_trials.create_for_slot(study, slot.ordinal, self._fixed(slot.ordinal))
+            trial = optuna_trials.start(study, trial_id)
+            options = self.study.space.suggest(trial)
+        if not slots.attach_optuna_trial(self.study.database, slot, trial_id, trial.number, options):
+            raise Interrupted
+        gtf = self.study.definition.gtf
+        planned = (gtf.clean_runs + self.sizing.first(is_nominal=slot.ordinal == 0)) * len(self.study.sequences)
+        self.listener.trial_started(slot.ordinal, options, planned)
+        return trial, options
+
+    def _fixed(self, ordinal: int) -> Mapping[str, OptionValue] | None:
+        """Return the values that a trial must take: nominal for trial 0, then the points of a grid."""
+        space = self.study.space
+        if ordinal == 0:
+            return space.nominal
+        if self.study.definition.search.sampler != "grid":
+            return None
+        return next(itertools.islice(space.grid(), ordinal - 1, None), None)
+
+    def _score(self, slot: slots.Slot, options: Mapping[str, OptionValue], reference: Reference) -> ScoredTrial:
+        """Obtain clean runs, then noisy ones as the sizing asks for them; stop as soon as the trial is infeasible."""
+        trial_runs = TrialRuns(self.study, self._source(), options, slot.ordinal)
+        scored = trial_runs.score(noisy=0, reference=reference)
+        count = self.sizing.first(is_nominal=slot.ordinal == 0)
+        while scored.score.feasible:
+            scored = trial_runs.score(noisy=count, reference=reference)
+            decision = self.sizing.next(Standing(scored.instances, reference.incumbent))
+            scored = scored.with_reason(decision.reason)
+            if decision.noisy_runs <= count:
+                break
+            count = decision.noisy_runs
+        return scored
+
+    def _source(self) -> RunSource:
+        limits = self.study.definition.limits
+        return RunSource(
+            self.study.database,
+            self.executor,
+            RunLimits(limits.run_timeout_s, int(limits.run_memory_gb * _GIB)),
+            self.stop,
+            self.listener,
+        )
