@@ -8,33 +8,33 @@ from scipy.spatial.transform import Rotation
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.value import Frame
-from gtf_tune.trajectory import Trajectory
+from gtf_tune.trajectory import Trajectory, associate_by_timestamp
 
 Frames = tuple[Frame, ...]
 Notes = tuple[str, ...]
 
 # The TUM RGB-D benchmark's own default for matching images to poses.
-_MAX_DIFFERENCE_S = 0.02
+MAX_DIFFERENCE_S = 0.02
+
+_UPRIGHT = np.array([[0.0, 0.0, 0.0, 1.0]])
 _ORTHOGONALITY_TOLERANCE = 1e-3
 
 
 def poses_by_timestamp(frames: Frames, poses: Trajectory, source: Path) -> tuple[Trajectory | None, Notes]:
-    """Give each frame the pose nearest in time, if it is at most 0.02 s away (the TUM benchmark's default).
+    """Give each frame the pose nearest in time, each pose once, if it is at most 0.02 s away.
 
     Returns
     -------
     ground_truth, notes
         The poses under their frames' ids and timestamps, or ``None`` and a note if no frame has one.
     """
-    stamps = np.array([frame.timestamp for frame in frames])
-    after = np.clip(np.searchsorted(poses.timestamps, stamps), 1, max(len(poses) - 1, 1))
-    candidates = np.stack([after - 1, np.minimum(after, len(poses) - 1)])
-    distances = np.abs(poses.timestamps[candidates] - stamps)
-    nearest = candidates[np.argmin(distances, axis=0), np.arange(len(stamps))]
-    matched = np.flatnonzero(distances.min(axis=0) <= _MAX_DIFFERENCE_S)
+    everywhere = _trajectory(
+        frames, np.arange(len(frames)), np.zeros((len(frames), 3)), _UPRIGHT.repeat(len(frames), 0)
+    )
+    matched, nearest = associate_by_timestamp(everywhere, poses, MAX_DIFFERENCE_S)
     if not len(matched):
-        return None, (f"{source.name} has {len(poses)} poses, but none within {_MAX_DIFFERENCE_S} s of an image",)
-    return _trajectory(frames, matched, poses.positions[nearest[matched]], poses.quaternions[nearest[matched]]), ()
+        return None, (f"{source.name} has {len(poses)} poses, but none within {MAX_DIFFERENCE_S} s of an image",)
+    return _trajectory(frames, matched, poses.positions[nearest], poses.quaternions[nearest]), ()
 
 
 def poses_by_index(frames: Frames, poses: Trajectory, source: Path) -> tuple[Trajectory | None, Notes]:

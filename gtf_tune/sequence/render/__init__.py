@@ -1,0 +1,1 @@
+"""Render synthetic sequences with exact ground truth."""
