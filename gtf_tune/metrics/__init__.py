@@ -1,0 +1,24 @@
+"""Measure errors between trajectories."""
+
+from gtf_tune.metrics.pairwise import PairMatrix, pairwise_matrix
+from gtf_tune.metrics.settings import AteSettings, DeltaUnit, MetricSettings, PosePairs, RpeRelation, RpeSettings
+from gtf_tune.metrics.single import align, aligned_errors, ate, rpe, rpe_errors
+from gtf_tune.metrics.statistics import ErrorStatistics, summarise
+
+__all__ = [
+    "AteSettings",
+    "DeltaUnit",
+    "ErrorStatistics",
+    "MetricSettings",
+    "PairMatrix",
+    "PosePairs",
+    "RpeRelation",
+    "RpeSettings",
+    "align",
+    "aligned_errors",
+    "ate",
+    "pairwise_matrix",
+    "rpe",
+    "rpe_errors",
+    "summarise",
+]
