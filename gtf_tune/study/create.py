@@ -2,11 +2,13 @@
 
 import contextlib
 import json
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import optuna
+from optuna.exceptions import ExperimentalWarning
 from pydantic import TypeAdapter, ValidationError
 
 from gtf_tune.definition import Axis, StudyDefinition, definition_from_dict, dump_definition
@@ -122,7 +124,9 @@ def _optuna_study(database: Database, definition: StudyDefinition) -> int:
             f"{database.shown_url} has an Optuna study '{definition.name}' with trials that gtf-tune did not make; "
             "choose another name"
         )
-    study.set_metric_names([METRIC_NAME])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExperimentalWarning)
+        study.set_metric_names([METRIC_NAME])
     return study._study_id
 
 

@@ -39,14 +39,15 @@ class ScoredTrial:
         return replace(self, sizing_reason=reason)
 
 
-@dataclass(frozen=True)
+@dataclass
 class TrialRuns:
-    """Obtain runs of one setting, as many as asked for, and score them."""
+    """Obtain runs of one setting, as many as asked for, and score them; runs it has are not asked for again."""
 
     study: OpenStudy
     source: RunSource
     options: Mapping[str, OptionValue]
     ordinal: int
+    _obtained: dict[RunSlot, ObtainedRun] = field(default_factory=dict)
 
     def score(self, noisy: int, reference: Reference) -> ScoredTrial:
         """Return the score from all clean runs and the first ``noisy`` noisy ones."""
@@ -88,7 +89,9 @@ class TrialRuns:
             for kind, index in order
             for name, sequence in self.study.sequences.items()
         }
-        return self.source.obtain(requests)
+        missing = {slot: request for slot, request in requests.items() if slot not in self._obtained}
+        self._obtained.update(self.source.obtain(missing))
+        return {slot: self._obtained[slot] for slot in requests}
 
     def _instances(self, score: TrialScore, reference: Reference) -> tuple[float, ...]:
         if not score.feasible:

@@ -1,0 +1,97 @@
+"""Print results on stdout, and progress and messages on stderr."""
+
+import json
+import math
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+
+def stdout() -> Console:
+    """Return the console for results; plain text where stdout is not a terminal."""
+    return Console(file=sys.stdout, soft_wrap=False, highlight=False)
+
+
+def stderr() -> Console:
+    """Return the console for progress, notes and errors."""
+    return Console(file=sys.stderr, soft_wrap=True, highlight=False)
+
+
+def say(text: str) -> None:
+    """Print a note for people on stderr."""
+    stderr().print(text, markup=False)
+
+
+def write_line(text: str) -> None:
+    """Print one line of a result on stdout, exactly as it is."""
+    sys.stdout.write(text + "\n")
+
+
+def write_json(value: Any) -> None:
+    """Print a result as JSON on stdout; numbers that JSON lacks become null."""
+    sys.stdout.write(json.dumps(_jsonable(value), indent=2) + "\n")
+
+
+def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:
+    """Print a table on stdout; columns whose name starts with '>' are aligned to the right."""
+    table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, header_style="bold")
+    for column in columns:
+        right = column.startswith(">")
+        table.add_column(column.removeprefix(">"), justify="right" if right else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(_plain(cell) for cell in row))
+    stdout().print(table)
+
+
+def write_pairs(pairs: Mapping[str, str]) -> None:
+    """Print names and values in two columns on stdout."""
+    table = Table(box=None, pad_edge=False, show_header=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in pairs.items():
+        table.add_row(_plain(name), _plain(value))
+    stdout().print(table)
+
+
+def permille(value: float | None) -> str:
+    """Format a fraction of the extent in per mille, with three significant digits."""
+    return "-" if value is None or not math.isfinite(value) else f"{value * 1000:.3g}"
+
+
+def percent(value: float | None) -> str:
+    """Format a signed fraction in per cent."""
+    return "-" if value is None or not math.isfinite(value) else f"{value * 100:+.1f} %"
+
+
+def number(value: float | None) -> str:
+    """Format a number with four significant digits."""
+    return "-" if value is None or not math.isfinite(value) else f"{value:.4g}"
+
+
+def duration(seconds: float) -> str:
+    """Format a duration as people say it: 42 s, 3 min 20 s, 5 h 12 min."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{seconds:.1f} s" if seconds < 10 else f"{whole} s"
+    minutes, rest = divmod(whole, 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min"
+
+
+def _plain(text: str) -> str:
+    return text.replace("[", r"\[")
+
+
+def _jsonable(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(name): _jsonable(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_jsonable(item) for item in value]
+    return value

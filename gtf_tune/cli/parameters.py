@@ -1,0 +1,26 @@
+"""Hold the flags that several commands share."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+Storage = Annotated[
+    str,
+    typer.Option(
+        "--storage",
+        envvar="GTF_TUNE_STORAGE",
+        help="Database: a file, sqlite:///FILE or postgresql+psycopg://HOST/NAME.",
+        show_envvar=True,
+    ),
+]
+CacheDir = Annotated[
+    Path | None,
+    typer.Option("--cache-dir", envvar="GTF_TUNE_CACHE_DIR", help="Folder of the stage cache.", show_envvar=True),
+]
+NoCache = Annotated[bool, typer.Option("--no-cache", help="Compute every stage of every run anew.")]
+Jobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Runs side by side (default: cores).")]
+StudyName = Annotated[str, typer.Argument(metavar="STUDY", help="Name of the study.")]
+
+DEFAULT_STORAGE = "gtf-tune.db"

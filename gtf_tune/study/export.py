@@ -1,0 +1,80 @@
+"""Write a setting in the forms that people paste back into their tools."""
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+
+from gtf_tune.errors import DefinitionError
+from gtf_tune.pipelines import OptionValue
+from gtf_tune.pipelines.colmap_flags import command_of, flag_of
+
+FORMATS = ("colmap-ini", "colmap-cli", "json", "csv", "tum")
+_COLMAP_PIPELINES = ("glomap", "colmap", "colmap-hierarchical")
+
+
+def colmap_ini(pipeline: str, options: Mapping[str, OptionValue]) -> str:
+    """Return a COLMAP project file; what its command line lacks follows as comments."""
+    _require_colmap(pipeline)
+    sections: dict[str, list[str]] = {}
+    for name, value in options.items():
+        flag = flag_of(pipeline, name)
+        if flag is not None:
+            section, key = flag.split(".", 1)
+            sections.setdefault(section, []).append(f"{key}={_text(value)}")
+    blocks = [f"[{section}]\n" + "\n".join(lines) for section, lines in sorted(sections.items())]
+    blocks += [f"; only from pycolmap: {name}={_text(options[name])}" for name in without_flag(pipeline, options)]
+    return "\n".join(blocks) + "\n"
+
+
+def colmap_flags(pipeline: str, options: Mapping[str, OptionValue], pairing: str = "exhaustive") -> str:
+    """Return one line of flags for each COLMAP command; what the command line lacks follows as comments."""
+    _require_colmap(pipeline)
+    commands: dict[str, list[str]] = {}
+    for name, value in options.items():
+        flag = flag_of(pipeline, name)
+        if flag is not None:
+            commands.setdefault(command_of(flag, pairing), []).append(f"--{flag} {_text(value)}")
+    lines = [f"colmap {command} {' '.join(flags)}" for command, flags in sorted(commands.items())]
+    lines += [f"# only from pycolmap: {name}={_text(options[name])}" for name in without_flag(pipeline, options)]
+    return "\n".join(lines) + "\n"
+
+
+def option_json(options: Mapping[str, OptionValue]) -> str:
+    """Return the options as a nested JSON object, the form that pycolmap's ``mergedict`` takes stage by stage."""
+    tree: dict[str, object] = {}
+    for name, value in options.items():
+        *groups, last = name.split(".")
+        place = tree
+        for group in groups:
+            child = place.setdefault(group, {})
+            place = child if isinstance(child, dict) else place
+        place[last] = value
+    return json.dumps(tree, indent=2) + "\n"
+
+
+def table_csv(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Return a table as CSV; absent values are empty."""
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([["" if value is None else value for value in row] for row in rows])
+    return buffer.getvalue()
+
+
+def without_flag(pipeline: str, options: Mapping[str, OptionValue]) -> list[str]:
+    """Return the options that COLMAP's command line cannot set."""
+    return [name for name in options if flag_of(pipeline, name) is None]
+
+
+def _require_colmap(pipeline: str) -> None:
+    if pipeline not in _COLMAP_PIPELINES:
+        raise DefinitionError(
+            f"pipeline '{pipeline}' has no COLMAP project file; export with --format json or --format csv"
+        )
+
+
+def _text(value: OptionValue) -> str:
+    if isinstance(value, bool):
+        return "1" if value else "0"
+    return repr(value) if isinstance(value, float) else str(value)
