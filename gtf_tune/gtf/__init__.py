@@ -1,0 +1,21 @@
+"""Score a setting without ground truth: by how much noisy runs differ from clean ones."""
+
+from gtf_tune.gtf.aggregate import Aggregate, aggregate_instances, aggregate_matrix
+from gtf_tune.gtf.collapse import find_collapsed
+from gtf_tune.gtf.score import GtfScore, gtf_score
+from gtf_tune.gtf.settings import GtfMetric, GtfSettings, Normalise
+from gtf_tune.gtf.uncertainty import Estimate, estimate
+
+__all__ = [
+    "Aggregate",
+    "Estimate",
+    "GtfMetric",
+    "GtfScore",
+    "GtfSettings",
+    "Normalise",
+    "aggregate_instances",
+    "aggregate_matrix",
+    "estimate",
+    "find_collapsed",
+    "gtf_score",
+]

@@ -1,0 +1,111 @@
+"""Compute the ground-truth-free score of one setting."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gtf_tune.gtf.aggregate import aggregate_instances
+from gtf_tune.gtf.collapse import find_collapsed
+from gtf_tune.gtf.settings import GtfSettings
+from gtf_tune.gtf.uncertainty import estimate
+from gtf_tune.metrics import PairMatrix, pairwise_matrix
+from gtf_tune.trajectory import BoolArray, FloatArray, IntArray, Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class GtfScore:
+    """Hold the score of one setting with everything it was made from.
+
+    Attributes
+    ----------
+    value
+        The aggregate over all pairs that could be measured; smaller is more precise. NaN when none could. A caller that
+        minimises it must look at the coverage and at ``pair_errors`` too: trajectories that cannot be compared have no
+        error.
+    standard_error, confidence_interval
+        Of ``value``, in its unit; 95 %, see `gtf_tune.gtf.uncertainty`. NaN where not estimable.
+    matrix
+        (k, k_delta) error of noisy run j against clean run i, in the unit that the settings say; NaN where it failed.
+    pair_errors
+        Why pair (i, j) failed.
+    coverage_clean, coverage_noisy
+        (k,) and (k_delta,): registered frames / frames of the sequence.
+    extents
+        (k, k_delta): RMS distance of clean positions, at the frames matched in the pair, from their mean. NaN where the
+        pair failed.
+    matched
+        (k, k_delta): number of matched frames.
+    collapsed
+        (k_delta,): noisy runs whose reconstruction fell apart, see `find_collapsed`.
+    """
+
+    value: float
+    standard_error: float
+    confidence_interval: tuple[float, float]
+    matrix: FloatArray
+    pair_errors: dict[tuple[int, int], str]
+    coverage_clean: FloatArray
+    coverage_noisy: FloatArray
+    extents: FloatArray
+    matched: IntArray
+    collapsed: BoolArray
+    settings: GtfSettings = field(default_factory=GtfSettings)
+
+    @property
+    def extent(self) -> float:
+        """Return the mean extent of the pairs, in the unit of the clean trajectories; NaN when no pair was measured."""
+        known = self.extents[~np.isnan(self.extents)]
+        return float(known.mean()) if known.size else float("nan")
+
+    @property
+    def collapse_rate(self) -> float:
+        """Return the share of noisy runs that collapsed, NaN when there are none."""
+        return float(self.collapsed.mean()) if self.collapsed.size else float("nan")
+
+    @property
+    def instance_values(self) -> FloatArray:
+        """Return the score of each noise instance, (k_delta,): the aggregate over the clean runs."""
+        return aggregate_instances(self.matrix, self.settings.aggregate)
+
+
+def gtf_score(
+    clean: Sequence[Trajectory], noisy: Sequence[Trajectory], settings: GtfSettings, num_frames: int
+) -> GtfScore:
+    """Return how much trajectories move under image noise (paper, eq. "metric").
+
+    Parameters
+    ----------
+    clean, noisy
+        k trajectories from clean images and k_delta from noisy ones; those of failed runs are empty.
+    num_frames
+        Number of frames of the sequence, for the coverage.
+    """
+    pairs = pairwise_matrix(clean, noisy, settings.pair_metric)
+    matrix = _in_unit(pairs, settings)
+    found = estimate(matrix, settings.aggregate, np.random.default_rng(settings.bootstrap_seed))
+    return GtfScore(
+        value=found.value,
+        standard_error=found.standard_error,
+        confidence_interval=(found.low, found.high),
+        matrix=matrix,
+        pair_errors=pairs.reasons,
+        coverage_clean=_coverage(clean, num_frames),
+        coverage_noisy=_coverage(noisy, num_frames),
+        extents=pairs.extents,
+        matched=pairs.matched,
+        collapsed=find_collapsed(matrix),
+        settings=settings,
+    )
+
+
+def _in_unit(pairs: PairMatrix, settings: GtfSettings) -> FloatArray:
+    """Divide by the clean trajectory's extent over the frames of the very pair, which bounds a Sim(3) ATE by 1.
+
+    The residual is smallest over all scales, and scale 0 leaves exactly that extent.
+    """
+    return pairs.errors / pairs.extents if settings.is_relative else pairs.errors
+
+
+def _coverage(trajectories: Sequence[Trajectory], num_frames: int) -> FloatArray:
+    return np.array([len(trajectory) / num_frames for trajectory in trajectories], dtype=np.float64)

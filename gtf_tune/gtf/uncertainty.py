@@ -1,0 +1,122 @@
+"""Say how far a score can be trusted.
+
+Pairs (clean i, noisy j) are not independent: all pairs of a clean run share it, and so do all pairs of a noisy run. The
+variance of a mean over a (k, k_delta) matrix is therefore that of a two-way table with random rows and columns (Searle,
+Casella, McCulloch, "Variance components", 1992, ch. 4). `benchmarks/interval_coverage.py` measures how often these
+intervals hold the truth and is the reason for each choice here.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from gtf_tune.gtf.aggregate import Aggregate, aggregate_last_axis, aggregate_matrix
+from gtf_tune.trajectory import FloatArray
+
+CONFIDENCE = 0.95
+RESAMPLES = 1000
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Hold an aggregate with its standard error and the ends of its confidence interval, NaN where not estimable."""
+
+    value: float
+    standard_error: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Hold the variance of an estimate and the degrees of freedom of that variance."""
+
+    variance: float
+    freedom: float
+
+    def half_width(self, confidence: float = CONFIDENCE) -> float:
+        """Return half the width of the Student-t interval."""
+        return float(stats.t.ppf((1 + confidence) / 2, self.freedom)) * math.sqrt(self.variance)
+
+
+def estimate(
+    matrix: FloatArray, aggregate: Aggregate, generator: np.random.Generator, confidence: float = CONFIDENCE
+) -> Estimate:
+    """Return the aggregate of a (k, k_delta) matrix of non-negative errors with its uncertainty.
+
+    The interval is symmetric on the logarithmic scale, so its ends are positive. Its variance is, for ``mean``, that of
+    the two-way table; for ``gmean``, that of the table of logarithms; for ``median`` and ``trimmed``, whose formula is
+    unknown, that of a bootstrap over noisy runs plus the clean runs' share of the table of logarithms. Quantiles are
+    Student's with Satterthwaite's degrees of freedom. Only noisy runs without failed pairs count. With one clean run
+    its own variation cannot be seen and is left out; with one noisy run nothing can be said.
+
+    Parameters
+    ----------
+    generator
+        Source of the bootstrap's resamples; not used by ``mean`` and ``gmean``.
+    """
+    value = aggregate_matrix(matrix, aggregate)
+    table = complete_table(matrix)
+    if table.shape[1] < 2 or math.isnan(value):
+        return Estimate(value, math.nan, math.nan, math.nan)
+    if (table == table[0, 0]).all():
+        return Estimate(value, 0.0, value, value)
+    if not (value > 0 and (table > 0).all()):
+        return Estimate(value, math.nan, math.nan, math.nan)
+    spread = _log_spread(table, aggregate, generator)
+    with np.errstate(over="ignore"):
+        factor = float(np.exp(spread.half_width(confidence)))
+    return Estimate(value, value * math.sqrt(spread.variance), value / factor, value * factor)
+
+
+def complete_table(matrix: FloatArray) -> FloatArray:
+    """Return the rows that hold any number and, of these, the columns without NaN."""
+    rows = matrix[~np.isnan(matrix).all(axis=1)]
+    return rows[:, ~np.isnan(rows).any(axis=0)]
+
+
+def two_way_spread(table: FloatArray) -> Spread:
+    """Return the spread of the mean of a complete (k, k_delta >= 2) table with random rows and columns.
+
+    Var(mean) = (MS_rows + MS_columns - MS_rest) / (k k_delta), where the rows' share, MS_rows - MS_rest, is set to 0
+    where it comes out negative. With one row the rows' share is unknown and left out.
+    """
+    rows, columns = table.shape
+    mean, row_means, column_means = table.mean(), table.mean(axis=1), table.mean(axis=0)
+    between_columns = rows * float(column_means.var(ddof=1))
+    between_rows = 0.0
+    if rows > 1:
+        rest = table - row_means[:, np.newaxis] - column_means + mean
+        mean_square_rest = float((rest**2).sum()) / ((rows - 1) * (columns - 1))
+        between_rows = max(columns * float(row_means.var(ddof=1)) - mean_square_rest, 0.0)
+    return _combined(between_columns / table.size, columns - 1, between_rows / table.size, rows - 1)
+
+
+def _log_spread(table: FloatArray, aggregate: Aggregate, generator: np.random.Generator) -> Spread:
+    """Return the spread of the logarithm of an aggregate."""
+    if aggregate == "mean":
+        linear = two_way_spread(table)
+        return Spread(linear.variance / float(table.mean()) ** 2, linear.freedom)
+    if aggregate == "gmean":
+        return two_way_spread(np.log(table))
+    rows, columns = table.shape
+    picks = generator.integers(0, columns, size=(RESAMPLES, columns))
+    resampled = np.log(aggregate_last_axis(table.T[picks].reshape(RESAMPLES, table.size), aggregate))
+    # Resampling n values with replacement has the variance of n - 1.
+    noisy = float(np.var(resampled)) * columns / (columns - 1)
+    return _combined(noisy, columns - 1, _rows_share(np.log(table)), rows - 1)
+
+
+def _rows_share(table: FloatArray) -> float:
+    by_rows_and_columns, by_columns = two_way_spread(table), two_way_spread(table.mean(axis=0, keepdims=True))
+    return max(by_rows_and_columns.variance - by_columns.variance, 0.0)
+
+
+def _combined(columns: float, columns_freedom: int, rows: float, rows_freedom: int) -> Spread:
+    """Add two variances, with the degrees of freedom of the sum (Satterthwaite, Biometrics Bulletin 2, 1946)."""
+    if rows == 0:
+        return Spread(columns, columns_freedom)
+    weight = rows / (rows + columns)
+    return Spread(rows + columns, 1 / (weight**2 / rows_freedom + (1 - weight) ** 2 / columns_freedom))
