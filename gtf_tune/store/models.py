@@ -160,7 +160,7 @@ class TrialRun(Base):
     sequence_name: Mapped[str] = mapped_column(primary_key=True)
     kind: Mapped[str] = mapped_column(String(16), primary_key=True)
     index: Mapped[int] = mapped_column("index_", primary_key=True)
-    run_id: Mapped[int] = mapped_column(ForeignKey("gtf_run.id"), index=True)
+    run_id: Mapped[int] = mapped_column(_owned_by("gtf_run.id"), index=True)
     reused: Mapped[bool]
 
 

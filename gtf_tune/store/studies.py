@@ -16,7 +16,8 @@ from gtf_tune.store.optuna_tables import delete_optuna_study
 from gtf_tune.store.rows import columns_of
 from gtf_tune.store.session import read, read_rows, write
 
-StudyState = Literal["open", "paused", "done"]
+StudyState = Literal["open", "paused", "done", "copying"]
+"""``copying`` is a copy that is not complete yet, or never became so."""
 
 
 @dataclass(frozen=True)
@@ -215,8 +216,11 @@ def delete_study(database: Database, name: str) -> None:
 def _delete(session: Session, study_id: int) -> None:
     used = select(models.TrialRun.run_id).join(models.Trial, models.Trial.id == models.TrialRun.trial_id)
     here, elsewhere = used.where(models.Trial.study_id == study_id), used.where(models.Trial.study_id != study_id)
-    session.execute(delete(models.Run).where(models.Run.id.in_(here), models.Run.id.not_in(elsewhere)))
-    session.execute(delete(models.Study).where(models.Study.id == study_id))
+    for statement in (
+        delete(models.Run).where(models.Run.id.in_(here), models.Run.id.not_in(elsewhere)),
+        delete(models.Study).where(models.Study.id == study_id),
+    ):
+        session.execute(statement.execution_options(synchronize_session=False))
 
 
 def _set(database: Database, study_id: int, **values: Any) -> None:

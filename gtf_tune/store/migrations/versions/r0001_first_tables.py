@@ -148,7 +148,7 @@ def _create_trial_run() -> None:
         sa.Column("index_", sa.Integer(), nullable=False),
         sa.Column("run_id", sa.Integer(), nullable=False),
         sa.Column("reused", sa.Boolean(), nullable=False),
-        sa.ForeignKeyConstraint(["run_id"], ["gtf_run.id"], name="fk_gtf_trial_run_run_id"),
+        sa.ForeignKeyConstraint(["run_id"], ["gtf_run.id"], name="fk_gtf_trial_run_run_id", ondelete="CASCADE"),
         sa.ForeignKeyConstraint(["trial_id"], ["gtf_trial.id"], name="fk_gtf_trial_run_trial_id", ondelete="CASCADE"),
         sa.PrimaryKeyConstraint("trial_id", "sequence_name", "kind", "index_", name="pk_gtf_trial_run"),
     )

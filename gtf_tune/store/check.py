@@ -1,0 +1,128 @@
+"""Check a database: its tables, what refers to what, and every stored trajectory."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sqlalchemy import Select, func, select, text
+
+from gtf_tune.errors import StorageError
+from gtf_tune.store import models, studies, trials
+from gtf_tune.store.database import Database
+from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.rows import chunks
+from gtf_tune.store.schema import current_revision
+from gtf_tune.store.session import read_rows
+from gtf_tune.store.trajectories import trajectories
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """Hold what a check found.
+
+    ``problems`` need someone; ``notes`` are harmless leftovers, such as runs that no trial uses.
+    """
+
+    revision: str
+    optuna_revision: str
+    studies: int
+    trials: int
+    runs: int
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Tell whether nothing needs mending."""
+        return not self.problems
+
+
+def check(database: Database) -> CheckReport:
+    """Return what is wrong with a database, after reading all of it.
+
+    Raises
+    ------
+    StorageError
+        It cannot be read at all.
+    """
+    problems = [*_damage(database), *_orphans(database), *_missing_outputs(database)]
+    problems += [*_studies_without_optuna(database), *_bad_trajectories(database)]
+    return CheckReport(
+        revision=current_revision(database.reader),
+        optuna_revision=optuna_storage(database).get_current_version(),
+        studies=_count(database, select(func.count(models.Study.id))),
+        trials=_count(database, select(func.count(models.Trial.id))),
+        runs=_count(database, select(func.count(models.Run.id))),
+        problems=tuple(problems),
+        notes=tuple(_notes(database)),
+    )
+
+
+def _damage(database: Database) -> Iterator[str]:
+    if database.engine.dialect.name == "sqlite":
+        found = [row[0] for row in read_rows(database, text("PRAGMA integrity_check"))]
+        if found != ["ok"]:
+            yield f"SQLite finds the file damaged ({found[0]}, {len(found)} faults in all); restore a backup"
+
+
+def _orphans(database: Database) -> Iterator[str]:
+    """Yield rows whose owner is missing: only a tool that switches foreign keys off can make them."""
+    for table in models.Base.metadata.sorted_tables:
+        for key in table.foreign_keys:
+            parent = key.column.table.alias()
+            lonely = ~select(parent.c.id).where(parent.c[key.column.name] == key.parent).exists()
+            count = _count(database, select(func.count()).select_from(table).where(lonely))
+            if count:
+                yield f"{count} rows of {table.name} refer to missing rows of {key.column.table.name}; restore a backup"
+
+
+def _missing_outputs(database: Database) -> Iterator[str]:
+    query = select(models.Run.key).outerjoin(models.RunOutput).where(models.RunOutput.run_id.is_(None))
+    for (key,) in read_rows(database, query):
+        yield f"run {key} has lost its trajectory; restore a backup"
+
+
+def _studies_without_optuna(database: Database) -> Iterator[str]:
+    storage = optuna_storage(database)
+    known = {study._study_id for study in storage.get_all_studies()}
+    query = select(models.Study.id, models.Study.name, models.Study.optuna_study_id)
+    for study_id, name, optuna_id in read_rows(database, query):
+        if optuna_id not in known:
+            yield f"study '{name}' has lost its Optuna study; restore a backup, or delete the study"
+            continue
+        asked = {trial._trial_id for trial in storage.get_all_trials(optuna_id, deepcopy=False)}
+        for trial in trials.of_study(database, study_id):
+            if trial.state in ("complete", "pruned") and trial.optuna_trial_id not in asked:
+                yield f"trial {trial.ordinal} of study '{name}' has no Optuna trial; restore a backup"
+
+
+def _bad_trajectories(database: Database) -> Iterator[str]:
+    keys = [key for (key,) in read_rows(database, select(models.Run.key).join(models.RunOutput))]
+    for some in chunks(keys):
+        try:
+            trajectories(database, some)
+        except StorageError:
+            yield from _one_by_one(database, some)
+
+
+def _one_by_one(database: Database, keys: list[str]) -> Iterator[str]:
+    for key in keys:
+        try:
+            trajectories(database, [key])
+        except StorageError as error:
+            yield str(error)
+
+
+def _notes(database: Database) -> Iterator[str]:
+    used = select(models.TrialRun.run_id).where(models.TrialRun.run_id == models.Run.id)
+    unused = _count(database, select(func.count(models.Run.id)).where(~used.exists()))
+    if unused:
+        yield f"{unused} runs belong to no trial: single evaluations, or trials that were stopped; they will be reused"
+    for study in [studies.get(database, name) for name in studies.names(database)]:
+        if study.state == "copying":
+            yield f"study '{study.name}' is an unfinished copy; delete it with 'gtf-tune study delete {study.name}'"
+        if trials.untold(database, study.id):
+            yield f"Optuna has not been told the end of some trials of '{study.name}'; the next worker does so"
+
+
+def _count(database: Database, query: Select[int]) -> int:
+    return int(read_rows(database, query)[0][0])

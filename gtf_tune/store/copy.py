@@ -1,0 +1,173 @@
+"""Copy a study with everything that belongs to it from one database to another."""
+
+from collections.abc import Mapping
+from contextlib import ExitStack
+from typing import Any
+
+from sqlalchemy import ColumnElement, Table, insert, select
+from sqlalchemy.orm import Session
+
+from gtf_tune.errors import StorageError
+from gtf_tune.store import models, studies
+from gtf_tune.store.database import Database
+from gtf_tune.store.digest import study_digest
+from gtf_tune.store.optuna_copy import copy_optuna_study, create_optuna_study, optuna_digest
+from gtf_tune.store.rows import chunks
+from gtf_tune.store.session import read, read_rows, write
+from gtf_tune.store.studies import Study
+from gtf_tune.store.trajectories import trajectories
+
+Row = dict[str, Any]
+
+_RUNS_AT_ONCE = 200
+_TABLES = models.Base.metadata.tables
+_STUDY, _SEQUENCE, _TRIAL = (_TABLES[f"gtf_{name}"] for name in ("study", "sequence", "trial"))
+_RUN, _OUTPUT, _TRIAL_RUN = (_TABLES[f"gtf_{name}"] for name in ("run", "run_output", "trial_run"))
+_VALIDATION, _CONFIRMATION = (_TABLES[f"gtf_{name}"] for name in ("validation", "confirmation"))
+_RELEASED = {"claim": None, "heartbeat_at": None}
+
+
+def copy_study(source: Database, target: Database, name: str) -> str:
+    """Copy a study, its Optuna study and its runs, and return the digest that both copies have.
+
+    Slots in work become released ones in the copy. The files of artifacts stay where they are.
+
+    Raises
+    ------
+    StorageError
+        There is no such study, the target has one of this name, or it changed while it was copied; the target then
+        holds nothing of it.
+    """
+    study = studies.get(source, name)
+    _check_absent(target, name)
+    optuna_id = create_optuna_study(source, target, study.optuna_study_id, name)
+    new_id = _copy_study_row(source, target, study, optuna_id)
+    with ExitStack() as undo:
+        undo.callback(studies.delete_study, target, name)
+        optuna_ids = copy_optuna_study(source, target, study.optuna_study_id, optuna_id)
+        run_ids = _copy_runs(source, target, study.id)
+        _copy_trials(source, target, (study.id, new_id), optuna_ids, run_ids)
+        digest = _verified(source, target, study, optuna_id)
+        undo.pop_all()
+    studies.set_state(target, new_id, study.state)
+    return digest
+
+
+def _check_absent(target: Database, name: str) -> None:
+    if name not in studies.names(target):
+        return
+    begun = studies.get(target, name).state == "copying"
+    found = "an unfinished copy of study" if begun else "a study"
+    raise StorageError(
+        f"{target.shown_url} already holds {found} '{name}'; delete it first with 'gtf-tune study delete {name} "
+        f"--storage {target.shown_url}'"
+    )
+
+
+def _copy_study_row(source: Database, target: Database, study: Study, optuna_id: int) -> int:
+    """Insert the study in the state ``copying``, which no worker takes up, and return its id."""
+    (row,) = _rows(source, _STUDY, _STUDY.c.id == study.id)
+    sequences = _rows(source, _SEQUENCE, _SEQUENCE.c.study_id == study.id)
+
+    def work(session: Session) -> int:
+        begun = session.scalar(select(_STUDY.c.id).where(_STUDY.c.optuna_study_id == optuna_id))
+        if begun is not None:
+            return int(begun)
+        (new_id,) = _insert(session, _STUDY, [{**row, "optuna_study_id": optuna_id, "state": "copying"}])
+        _insert(session, _SEQUENCE, [{**one, "study_id": new_id} for one in sequences])
+        return new_id
+
+    return write(target, work)
+
+
+def _copy_runs(source: Database, target: Database, study_id: int) -> dict[int, int]:
+    """Copy the runs of a study that the target lacks, and return the new id of each run by its old one."""
+    query = (
+        select(_RUN.c.id, _RUN.c.key)
+        .join(_TRIAL_RUN, _TRIAL_RUN.c.run_id == _RUN.c.id)
+        .join(_TRIAL, _TRIAL.c.id == _TRIAL_RUN.c.trial_id)
+        .where(_TRIAL.c.study_id == study_id)
+        .distinct()
+    )
+    new_ids: dict[int, int] = {}
+    for some in chunks(read_rows(source, query), _RUNS_AT_ONCE):
+        new_ids.update(_copy_some_runs(source, target, {key: old_id for old_id, key in some}))
+    return new_ids
+
+
+def _copy_some_runs(source: Database, target: Database, old_ids: Mapping[str, int]) -> dict[int, int]:
+    runs = _rows(source, _RUN, _RUN.c.key.in_(old_ids))
+    outputs = {one["run_id"]: one for one in _rows(source, _OUTPUT, _OUTPUT.c.run_id.in_(old_ids.values()))}
+    write(target, lambda session: _add_runs(session, runs, outputs))
+    trajectories(target, list(old_ids))
+    stored = select(_RUN.c.key, _RUN.c.id).where(_RUN.c.key.in_(old_ids))
+    return {old_ids[key]: new_id for key, new_id in read_rows(target, stored)}
+
+
+def _add_runs(session: Session, runs: list[Row], outputs: Mapping[int, Row]) -> None:
+    known = set(session.scalars(select(_RUN.c.key).where(_RUN.c.key.in_([run["key"] for run in runs]))))
+    missing = [run for run in runs if run["key"] not in known]
+    new_ids = _insert(session, _RUN, missing)
+    _insert(
+        session, _OUTPUT, [{**outputs[run["id"]], "run_id": new} for run, new in zip(missing, new_ids, strict=True)]
+    )
+
+
+def _copy_trials(
+    source: Database,
+    target: Database,
+    study: tuple[int, int],
+    optuna_ids: Mapping[int, int],
+    run_ids: Mapping[int, int],
+) -> None:
+    """Copy trials, their links to runs, their side metric, and the confirmations of a study, all or none."""
+    old_study, new_study = study
+    here = select(_TRIAL.c.id).where(_TRIAL.c.study_id == old_study)
+    trials = _rows(source, _TRIAL, _TRIAL.c.study_id == old_study)
+    links = _rows(source, _TRIAL_RUN, _TRIAL_RUN.c.trial_id.in_(here))
+    validations = _rows(source, _VALIDATION, _VALIDATION.c.trial_id.in_(here))
+    confirmations = _rows(source, _CONFIRMATION, _CONFIRMATION.c.study_id == old_study)
+
+    def work(session: Session) -> None:
+        if session.scalar(select(_TRIAL.c.id).where(_TRIAL.c.study_id == new_study).limit(1)) is not None:
+            return
+        copies = [_trial_copy(one, new_study, optuna_ids) for one in trials]
+        ids = dict(zip((one["id"] for one in trials), _insert(session, _TRIAL, copies), strict=True))
+        moved = [{**one, "trial_id": ids[one["trial_id"]], "run_id": run_ids[one["run_id"]]} for one in links]
+        _insert(session, _TRIAL_RUN, moved)
+        _insert(session, _VALIDATION, [{**one, "trial_id": ids[one["trial_id"]]} for one in validations])
+        _insert(session, _CONFIRMATION, [{**one, "study_id": new_study} for one in confirmations])
+
+    write(target, work)
+
+
+def _trial_copy(row: Row, study_id: int, optuna_ids: Mapping[int, int]) -> Row:
+    released = _RELEASED if row["state"] == "claimed" else {}
+    return {**row, **released, "study_id": study_id, "optuna_trial_id": optuna_ids.get(row["optuna_trial_id"])}
+
+
+def _verified(source: Database, target: Database, study: Study, optuna_id: int) -> str:
+    digest = study_digest(target, study.name)
+    same = digest == study_digest(source, study.name)
+    if not same or optuna_digest(target, optuna_id) != optuna_digest(source, study.optuna_study_id):
+        raise StorageError(
+            f"study '{study.name}' changed while it was copied; stop its workers with 'gtf-tune study pause "
+            f"{study.name}', then copy it again"
+        )
+    return digest
+
+
+def _rows(database: Database, table: Table, condition: ColumnElement[bool]) -> list[Row]:
+    query = select(table).where(condition).order_by(*table.primary_key.columns)
+    return read(database, lambda session: [dict(row) for row in session.execute(query).mappings()])
+
+
+def _insert(session: Session, table: Table, rows: list[Row]) -> list[int]:
+    """Insert rows under new ids, and return those in the same order, where the table has ids."""
+    if not rows:
+        return []
+    if "id" not in table.c:
+        session.execute(insert(table), rows)
+        return []
+    fresh = [{name: value for name, value in row.items() if name != "id"} for row in rows]
+    return list(session.scalars(insert(table).returning(table.c.id, sort_by_parameter_order=True), fresh))

@@ -1,0 +1,44 @@
+"""Sum a study up in one digest, to compare it across databases and against an undisturbed run."""
+
+from sqlalchemy import select
+
+from gtf_tune.pipelines.run import digest
+from gtf_tune.store import models, studies, trials, validations
+from gtf_tune.store.database import Database
+from gtf_tune.store.session import read_rows
+
+
+def study_digest(database: Database, name: str) -> str:
+    """Return the hex SHA-256 of what a study found out.
+
+    It covers the pixels of the sequences, the trials (ordinal, options, state, score to the bit), their runs (key,
+    status, trajectory) and the side metric; not ids, hosts, times, or who made a run.
+    """
+    study = studies.get(database, name)
+    return digest(
+        {
+            "sequences": [[one.name, one.fingerprint] for one in studies.sequences(database, study.id)],
+            "trials": [
+                [one.ordinal, one.options, one.state, one.value, one.gtf_ate, one.feasible]
+                for one in trials.of_study(database, study.id)
+            ],
+            "runs": _runs(database, study.id),
+            "validations": [
+                [ordinal, one.sequence_name, one.ate]
+                for ordinal, found in validations.of_study(database, study.id).items()
+                for one in found
+            ],
+        }
+    )
+
+
+def _runs(database: Database, study_id: int) -> list[list[object]]:
+    trial, link, run = models.Trial, models.TrialRun, models.Run
+    query = (
+        select(trial.ordinal, link.sequence_name, link.kind, link.index, run.key, run.status, run.trajectory_digest)
+        .join(link, link.trial_id == trial.id)
+        .join(run, run.id == link.run_id)
+        .where(trial.study_id == study_id)
+    )
+    # Sorted here: the databases order texts by different rules.
+    return sorted([list(row) for row in read_rows(database, query)], key=repr)
