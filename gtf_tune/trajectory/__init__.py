@@ -6,6 +6,7 @@ from gtf_tune.trajectory.association import (
     associate_by_timestamp,
     matched,
 )
+from gtf_tune.trajectory.files import TrajectoryFormat, read_trajectory, write_kitti, write_tum
 from gtf_tune.trajectory.serialization import from_bytes, to_bytes
 from gtf_tune.trajectory.value import BoolArray, FloatArray, IntArray, Trajectory
 
@@ -14,10 +15,14 @@ __all__ = [
     "FloatArray",
     "IntArray",
     "Trajectory",
+    "TrajectoryFormat",
     "associate_by_frame_id",
     "associate_by_name",
     "associate_by_timestamp",
     "from_bytes",
     "matched",
+    "read_trajectory",
     "to_bytes",
+    "write_kitti",
+    "write_tum",
 ]

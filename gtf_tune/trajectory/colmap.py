@@ -1,0 +1,154 @@
+"""Read the camera poses of a COLMAP model, text or binary.
+
+COLMAP stores cam_from_world with the scalar part of quaternions first; a trajectory holds world_from_camera with the
+scalar part last. COLMAP 4 adds rigs and frames, but its images files keep the pose of every registered image.
+"""
+
+import re
+import struct
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from gtf_tune.errors import TrajectoryError
+from gtf_tune.trajectory.text import checked_quaternion, finite_numbers, read_binary, read_text
+from gtf_tune.trajectory.value import IntArray, Trajectory
+
+_IMAGE_COLUMNS = 10
+_POINT_COLUMNS = 3
+_COUNT = struct.Struct("<Q")
+_IMAGE = struct.Struct("<I7dI")
+_POINT_BYTES = 24
+
+# Name, quaternion w, x, y, z and translation of cam_from_world.
+_Image = tuple[str, tuple[float, ...], tuple[float, ...]]
+
+
+def read_colmap(path: Path) -> Trajectory:
+    """Read a model folder, an ``images.bin`` or an ``images.txt``; the names are those of the images.
+
+    Poses are in the natural order of the names (2.png before 10.png). Where all file names are different whole numbers,
+    as in ``000012.png``, these are the frame ids; else frame ids count poses from 0. COLMAP knows no time: timestamps
+    are frame ids.
+
+    Raises
+    ------
+    TrajectoryError
+        There is no such file, or it is malformed or without poses.
+    """
+    images = sorted(_images(path), key=lambda image: _natural(image[0]))
+    if not images:
+        raise TrajectoryError(f"expected at least one registered image in {path}, but it holds none")
+    names = tuple(name for name, _, _ in images)
+    if len(set(names)) != len(names):
+        raise TrajectoryError(f"expected every image once in {path}, but one name comes twice")
+    world_from_camera = Rotation.from_quat(np.array([turn for _, turn, _ in images])[:, [1, 2, 3, 0]]).inv()
+    frame_ids = _frame_ids(names)
+    return Trajectory(
+        frame_ids=frame_ids,
+        timestamps=frame_ids.astype(np.float64),
+        positions=-world_from_camera.apply(np.array([shift for _, _, shift in images])),
+        quaternions=world_from_camera.as_quat(),
+        names=names,
+    )
+
+
+def _images(path: Path) -> Iterator[_Image]:
+    file = path
+    if path.is_dir():
+        found = [path / name for name in ("images.bin", "images.txt") if (path / name).is_file()]
+        if not found:
+            raise TrajectoryError(f"expected a COLMAP model with images.bin or images.txt in {path}, but there is none")
+        file = found[0]
+    return _binary_images(file) if file.suffix == ".bin" else _text_images(file)
+
+
+def _text_images(path: Path) -> Iterator[_Image]:
+    """Yield images of lines ``IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME``, each followed by a line of points."""
+    lines = iter(enumerate(read_text(path).split("\n"), start=1))
+    for number, line in lines:
+        if line.strip() and not line.startswith("#"):
+            yield _text_image(line.strip(), f"{path}, line {number}")
+            number, points = next(lines, (number + 1, ""))
+            _check_points(points.split(), f"{path}, line {number}")
+
+
+def _text_image(text: str, where: str) -> _Image:
+    expected = "'IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME'"
+    tokens = text.split(maxsplit=_IMAGE_COLUMNS - 1)
+    if len(tokens) != _IMAGE_COLUMNS:
+        raise TrajectoryError(f"{where}: expected {expected}, not {len(tokens)} columns")
+    numbers = finite_numbers(tokens[1:8], where, expected)
+    return tokens[9], checked_quaternion(numbers[:4], where), numbers[4:]
+
+
+def _check_points(tokens: list[str], where: str) -> None:
+    # Without its line of points an image would swallow the next one.
+    if len(tokens) % _POINT_COLUMNS or (tokens and not _is_whole(tokens[-1])):
+        raise TrajectoryError(
+            f"{where}: expected the image's points 'X Y POINT3D_ID ...' or an empty line, not an image"
+        )
+
+
+def _is_whole(token: str) -> bool:
+    return token.removeprefix("-").isdigit()
+
+
+def _binary_images(path: Path) -> Iterator[_Image]:
+    data = read_binary(path)
+    count = _count(data, 0, f"{path}")
+    offset = _COUNT.size
+    for index in range(count):
+        where = f"{path}, image {index + 1} of {count}"
+        _, *numbers, _ = _unpack(_IMAGE, data, offset, where)
+        name, offset = _binary_name(data, offset + _IMAGE.size, where)
+        offset += _COUNT.size + _POINT_BYTES * _count(data, offset, where)
+        if not np.isfinite(numbers).all():
+            raise TrajectoryError(f"{where}: expected finite numbers, but its pose is NaN or infinite")
+        yield name, checked_quaternion(tuple(numbers[:4]), where), tuple(numbers[4:])
+    if offset != len(data):
+        raise TrajectoryError(
+            f"expected {offset} bytes in {path}, not {len(data)}; it is cut short or of another format"
+        )
+
+
+def _unpack(layout: struct.Struct, data: bytes, offset: int, where: str) -> tuple[float, ...]:
+    if offset + layout.size > len(data):
+        raise TrajectoryError(
+            f"{where}: expected more than the {len(data)} bytes there are; the file is cut short or no images.bin"
+        )
+    return layout.unpack_from(data, offset)
+
+
+def _count(data: bytes, offset: int, where: str) -> int:
+    return int(_unpack(_COUNT, data, offset, where)[0])
+
+
+def _binary_name(data: bytes, start: int, where: str) -> tuple[str, int]:
+    end = data.find(b"\0", start)
+    if end < 0:
+        raise TrajectoryError(f"{where}: expected an image name that ends in a zero byte; the file is cut short")
+    try:
+        return data[start:end].decode(), end + 1
+    except UnicodeDecodeError as error:
+        raise TrajectoryError(f"{where}: expected an image name in UTF-8; the file is damaged") from error
+
+
+def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
+    """Return a key that sorts runs of digits by their value, then names as they are."""
+    parts = re.split(r"([0-9]+)", name)
+    digits = [part.lstrip("0") for part in parts[1::2]]
+    key = [(-1, part) for part in parts]
+    key[1::2] = [(len(number), number) for number in digits]
+    return key, name
+
+
+def _frame_ids(names: tuple[str, ...]) -> IntArray:
+    stems = [PurePosixPath(name).stem for name in names]
+    if all(re.fullmatch(r"[0-9]{1,18}", stem) for stem in stems):
+        numbers = np.array([int(stem) for stem in stems], dtype=np.int64)
+        if (np.diff(numbers) > 0).all():
+            return numbers
+    return np.arange(len(names), dtype=np.int64)

@@ -1,0 +1,93 @@
+"""Read and write trajectory files in the formats that people exchange."""
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from gtf_tune.errors import TrajectoryError
+from gtf_tune.trajectory.colmap import read_colmap
+from gtf_tune.trajectory.text import data_lines, read_euroc, read_kitti, read_tum
+from gtf_tune.trajectory.value import Trajectory
+
+TrajectoryFormat = Literal["auto", "tum", "kitti", "euroc", "colmap"]
+
+_READERS: Mapping[str, Callable[[Path], Trajectory]] = MappingProxyType(
+    {"tum": read_tum, "kitti": read_kitti, "euroc": read_euroc, "colmap": read_colmap}
+)
+_FORMAT_OF_COLUMNS = MappingProxyType({8: "tum", 12: "kitti"})
+
+
+def read_trajectory(path: str | os.PathLike[str], format: TrajectoryFormat = "auto") -> Trajectory:
+    """Read a trajectory from a TUM, KITTI or EuRoC file or a COLMAP model.
+
+    Frame ids count the poses from 0; for a COLMAP model whose images are called by numbers they are these numbers.
+
+    Parameters
+    ----------
+    path
+        A file, or the folder of a COLMAP model.
+    format
+        ``auto`` takes folders, ``images.txt`` and ``.bin`` files for COLMAP's; columns tell the others apart.
+
+    Raises
+    ------
+    TrajectoryError
+        The file cannot be read, is malformed (the message names the line), unsorted, or holds no poses.
+    """
+    file = Path(path)
+    known = _detected(file) if format == "auto" else format
+    if known not in _READERS:
+        raise TrajectoryError(f"expected one of the formats auto, {', '.join(_READERS)}, not '{known}'")
+    return _READERS[known](file)
+
+
+def write_tum(trajectory: Trajectory, path: str | os.PathLike[str]) -> None:
+    """Write lines of ``timestamp tx ty tz qx qy qz qw``, world_from_camera, with all digits.
+
+    Raises
+    ------
+    TrajectoryError
+        The file cannot be written.
+    """
+    rows = np.column_stack([trajectory.timestamps, trajectory.positions, trajectory.quaternions])
+    _write(Path(path), "# timestamp tx ty tz qx qy qz qw (world_from_camera)\n", rows.tolist())
+
+
+def write_kitti(trajectory: Trajectory, path: str | os.PathLike[str]) -> None:
+    """Write lines of the 12 numbers of a (3, 4) matrix world_from_camera; timestamps and frame ids are lost.
+
+    Raises
+    ------
+    TrajectoryError
+        The file cannot be written.
+    """
+    rotations = trajectory.rotations.as_matrix() if len(trajectory) else np.empty((0, 3, 3))
+    matrices = np.concatenate([rotations, trajectory.positions[:, :, np.newaxis]], axis=2)
+    _write(Path(path), "", matrices.reshape(-1, 12).tolist())
+
+
+def _detected(path: Path) -> str:
+    if path.is_dir() or path.suffix == ".bin" or path.name == "images.txt":
+        return "colmap"
+    for where, text in data_lines(path):
+        if "," in text:
+            return "euroc"
+        columns = len(text.split())
+        if columns not in _FORMAT_OF_COLUMNS:
+            raise TrajectoryError(
+                f"{where}: expected 8 columns (TUM), 12 (KITTI) or commas (EuRoC), not {columns} columns"
+            )
+        return _FORMAT_OF_COLUMNS[columns]
+    raise TrajectoryError(f"expected at least one pose in {path}, but it holds none")
+
+
+def _write(path: Path, header: str, rows: Iterable[list[float]]) -> None:
+    lines = "".join(" ".join(map(repr, row)) + "\n" for row in rows)
+    try:
+        path.write_text(header + lines, encoding="utf-8")
+    except OSError as error:
+        raise TrajectoryError(f"expected to write {path}, but that failed ({error.strerror})") from error
