@@ -12,7 +12,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from gtf_tune.errors import StorageError
 from gtf_tune.store.engine import READ_ONLY, make_engine
 from gtf_tune.store.faults import storage_error
-from gtf_tune.store.schema import REVISIONS, current_revision, fault_of_revision, update_schema
+from gtf_tune.store.schema import REVISIONS, create_schema, current_revision, fault_of_revision, upgrade_schema
 from gtf_tune.store.urls import display_url, parse_url
 
 Result = TypeVar("Result")
@@ -65,7 +65,7 @@ def create_database(storage: str) -> Database:
         _create_file(Path(str(url.database)), display_url(url))
     database = connect(storage)
     if not _revision(database):
-        _guarded(database, lambda: update_schema(database.engine, database.url))
+        _guarded(database, lambda: create_schema(database.engine, database.url))
     return _current(database)
 
 
@@ -79,7 +79,7 @@ def upgrade_database(storage: str) -> Database:
     """
     database = connect(storage)
     if _revision(database) in ("", *REVISIONS):
-        _guarded(database, lambda: update_schema(database.engine, database.url))
+        _guarded(database, lambda: upgrade_schema(database.engine, database.url))
     return _current(database)
 
 

@@ -47,8 +47,16 @@ def fault_of_revision(revision: str, shown_url: str) -> str:
     )
 
 
-def update_schema(engine: Engine, url: URL) -> None:
-    """Bring an empty, old or current database to the tables of this version; others wait meanwhile."""
+def create_schema(engine: Engine, url: URL) -> None:
+    """Make all tables, unless another process has done so meanwhile."""
+    with _alone(engine, url):
+        if not current_revision(engine):
+            _update_optuna(url)
+            _update_ours(engine)
+
+
+def upgrade_schema(engine: Engine, url: URL) -> None:
+    """Bring the tables of an old database, and those that it lacks, to this version."""
     with _alone(engine, url):
         _update_optuna(url)
         _update_ours(engine)

@@ -1,0 +1,92 @@
+from collections.abc import Callable
+
+import pytest
+from sqlalchemy import text
+
+from gtf_tune.pipelines.run import RunOutcome, RunRequest
+from gtf_tune.store import runs, slots, studies
+from gtf_tune.store.check import check
+from gtf_tune.store.database import Database, open_database
+from gtf_tune.store.optuna_tables import delete_optuna_study, optuna_storage
+from gtf_tune.store.runs import RunUse
+from gtf_tune.store.schema import REVISIONS
+from gtf_tune.store.slots import TrialResult
+from gtf_tune.store.studies import Study
+from gtf_tune.store.workers import this_worker
+
+
+@pytest.fixture
+def used(
+    database: Database,
+    study: Study,
+    make_request: Callable[..., RunRequest],
+    make_outcome: Callable[..., RunOutcome],
+) -> Database:
+    """Return a database with one complete trial of one run."""
+    from optuna.trial import TrialState
+
+    storage = optuna_storage(database)
+    slot = slots.claim_slot(database, study.id, 9, this_worker())
+    assert slot is not None
+    optuna_id = storage.create_new_trial(study.optuna_study_id)
+    slots.attach_optuna_trial(database, slot, optuna_id, 0, {})
+    saved = runs.save(database, make_request(), make_outcome())
+    runs.link(database, slot.trial_id, [RunUse("desk", saved, reused=False)])
+    slots.finish(database, slot, TrialResult("complete", value=0.5, feasible=True))
+    storage.set_trial_state_values(optuna_id, TrialState.COMPLETE, [0.5])
+    return database
+
+
+def execute(database: Database, statement: str, **values: object) -> None:
+    with database.engine.begin() as connection:
+        connection.execute(text(statement), values)
+
+
+def test_a_sound_database_has_no_problems(used: Database) -> None:
+    report = check(used)
+    assert (report.ok, report.problems, report.notes) == (True, (), ())
+    assert (report.revision, report.studies, report.trials, report.runs) == (REVISIONS[-1], 1, 1, 1)
+
+
+def test_a_damaged_trajectory_is_a_problem(used: Database) -> None:
+    execute(used, "UPDATE gtf_run_output SET trajectory = :none", none=b"none")
+    (problem,) = check(used).problems
+    assert "is damaged" in problem
+
+
+def test_a_lost_trajectory_is_a_problem(used: Database) -> None:
+    execute(used, "DELETE FROM gtf_run_output")
+    (problem,) = check(used).problems
+    assert "has lost its trajectory" in problem
+
+
+def test_a_lost_optuna_study_is_a_problem(used: Database, study: Study) -> None:
+    delete_optuna_study(used, study.optuna_study_id)
+    assert check(used).problems == ("study 'room' has lost its Optuna study; restore a backup, or delete the study",)
+
+
+def test_a_trial_without_an_optuna_trial_is_a_problem(used: Database) -> None:
+    execute(used, "UPDATE gtf_trial SET optuna_trial_id = 99")
+    assert check(used).problems == ("trial 0 of study 'room' has no Optuna trial; restore a backup",)
+
+
+def test_rows_without_their_owner_are_a_problem(make_storage: Callable[[str, bool], str]) -> None:
+    database = open_database(make_storage("sqlite", True))
+    with database.engine.connect() as connection:
+        cursor = connection.connection.cursor()
+        cursor.execute("PRAGMA foreign_keys = OFF")
+        cursor.execute("INSERT INTO gtf_validation VALUES (7, 'desk', 0.1, '{}')")
+        cursor.close()
+    (problem,) = check(database).problems
+    database.close()
+    assert problem.startswith("1 rows of gtf_validation refer to missing rows of gtf_trial")
+
+
+def test_leftovers_are_notes(
+    used: Database, study: Study, make_request: Callable[..., RunRequest], make_outcome: Callable[..., RunOutcome]
+) -> None:
+    runs.save(used, make_request("clean", 5), make_outcome(5))
+    studies.set_state(used, study.id, "copying")
+    report = check(used)
+    assert report.ok
+    assert [note.split(" ")[0] for note in report.notes] == ["1", "study"]
