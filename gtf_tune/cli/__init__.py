@@ -1,1 +1,1 @@
-"""cli"""
+"""Offer everything on the command line; the only layer that prints."""

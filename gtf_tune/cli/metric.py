@@ -1,50 +1,99 @@
-"""Compare trajectory files, with or without gtf-tune's studies."""
+"""Compare trajectory files, as evo does."""
 
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gtf_tune.cli.console import number, write_json, write_pairs
 from gtf_tune.cli.parameters import Json
+
+if TYPE_CHECKING:
+    from gtf_tune.metrics import ErrorStatistics
+    from gtf_tune.trajectory import Trajectory
 
 app = typer.Typer(help="Compute trajectory errors from files.", no_args_is_help=True)
 
+
+class Format(StrEnum):
+    """Name the formats of trajectory files."""
+
+    auto = "auto"
+    tum = "tum"
+    kitti = "kitti"
+    euroc = "euroc"
+    colmap = "colmap"
+
+
+class Alignment(StrEnum):
+    """Name the alignments."""
+
+    sim3 = "sim3"
+    se3 = "se3"
+    none = "none"
+
+
+class Relation(StrEnum):
+    """Name what a relative error measures."""
+
+    translation = "translation"
+    rotation = "rotation"
+
+
+class Unit(StrEnum):
+    """Name the units of the distance between two poses."""
+
+    frames = "frames"
+    seconds = "seconds"
+    metres = "metres"
+
+
+class Pairs(StrEnum):
+    """Name the ways to pair poses."""
+
+    all = "all"
+    consecutive = "consecutive"
+
+
 Reference = Annotated[Path, typer.Argument(help="Reference trajectory (TUM, KITTI, EuRoC or COLMAP).")]
 Estimate = Annotated[Path, typer.Argument(help="Estimated trajectory.")]
-Alignment = Annotated[str, typer.Option("--alignment", help="sim3, se3 or none.")]
-Format = Annotated[str, typer.Option("--format", help="tum, kitti, euroc, colmap or auto.")]
+AlignmentFlag = Annotated[Alignment, typer.Option("--alignment", help="How the estimate is laid on the reference.")]
+FormatFlag = Annotated[Format, typer.Option("--format", help="Format of both files.")]
 MaxDifference = Annotated[float, typer.Option("--max-difference", help="Association tolerance in seconds.")]
 
 
 @app.command("ate")
-def ate_command(
+def ate(
     reference: Reference,
     estimate: Estimate,
-    alignment: Alignment = "sim3",
-    format: Format = "auto",
+    alignment: AlignmentFlag = Alignment.sim3,
+    format_: FormatFlag = Format.auto,
     max_difference: MaxDifference = 0.02,
     json: Json = False,
 ) -> None:
-    """Print the absolute trajectory error (RMSE over matched positions).
+    """Print the absolute trajectory error over matched positions.
 
     Example: gtf-tune metric ate groundtruth.txt estimate.txt --alignment sim3
     """
-    from gtf_tune.metrics import ate_statistics
+    from gtf_tune.metrics import aligned_errors, summarise
 
-    first, second = _matched(reference, estimate, format, max_difference)
-    _print(ate_statistics(second, first, alignment=_alignment(alignment)), "unit of the reference", json)
+    first, second = _matched(reference, estimate, format_, max_difference)
+    _write(summarise(aligned_errors(first, second, alignment.value)), "unit of the reference", json)
 
 
 @app.command("rpe")
-def rpe_command(
+def rpe(
     reference: Reference,
     estimate: Estimate,
-    relation: Annotated[str, typer.Option("--relation", help="translation or rotation.")] = "translation",
-    delta: Annotated[float, typer.Option("--delta", help="Distance between the poses of a pair.")] = 1.0,
-    unit: Annotated[str, typer.Option("--unit", help="frames, seconds or metres.")] = "frames",
-    pairs: Annotated[str, typer.Option("--pairs", help="all or consecutive.")] = "all",
-    alignment: Alignment = "sim3",
-    format: Format = "auto",
+    relation: Annotated[Relation, typer.Option("--relation", help="What is compared.")] = Relation.translation,
+    delta: Annotated[float, typer.Option("--delta", help="Distance between the two poses of a pair.")] = 1.0,
+    unit: Annotated[Unit, typer.Option("--unit", help="Unit of delta.")] = Unit.frames,
+    pairs: Annotated[Pairs, typer.Option("--pairs", help="Every pose starts a pair, or only the last one's end.")] = (
+        Pairs.all
+    ),
+    alignment: AlignmentFlag = Alignment.sim3,
+    format_: FormatFlag = Format.auto,
     max_difference: MaxDifference = 0.02,
     json: Json = False,
 ) -> None:
@@ -52,9 +101,29 @@ def rpe_command(
 
     Example: gtf-tune metric rpe groundtruth.txt estimate.txt --delta 1 --unit frames
     """
-    from gtf_tune.metrics import RpeSettings, rpe_statistics
+    from gtf_tune.metrics import RpeSettings, rpe_errors, summarise
 
-    first, second = _matched(reference, estimate, format, max_difference)
-    settings = RpeSettings.checked(relation=relation, delta=delta, unit=unit, pairs=pairs)
-    statistics = rpe_statistics(second, first, settings, alignment=_alignment(alignment))
-    _print(statistics, "degrees" if relation == "rotation" else "unit of the reference", json)
+    first, second = _matched(reference, estimate, format_, max_difference)
+    settings = RpeSettings(relation.value, delta, unit.value, pairs.value, alignment.value)
+    shown = "degrees" if relation is Relation.rotation else "unit of the reference"
+    _write(summarise(rpe_errors(first, second, settings)), shown, json)
+
+
+def _matched(
+    reference: Path, estimate: Path, format_: Format, max_difference: float
+) -> tuple["Trajectory", "Trajectory"]:
+    """Return both trajectories with equal frame ids where their timestamps, or their image names, agree."""
+    from gtf_tune.trajectory import associate_by_name, associate_by_timestamp, matched, read_trajectory
+
+    first, second = (read_trajectory(path, format_.value) for path in (reference, estimate))
+    if first.names and second.names:
+        return matched(first, second, associate_by_name(first, second))
+    return matched(first, second, associate_by_timestamp(first, second, max_difference))
+
+
+def _write(statistics: "ErrorStatistics", unit: str, json: bool) -> None:
+    values = vars(statistics)
+    if json:
+        write_json({**values, "unit": unit})
+        return
+    write_pairs({name: f"{value}" if name == "count" else number(value) for name, value in values.items()})

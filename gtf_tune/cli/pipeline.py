@@ -16,13 +16,21 @@ def list_pipelines(json: Json = False) -> None:
 
     Example: gtf-tune pipeline list
     """
-    from gtf_tune.pipelines import pipeline_summaries
+    from gtf_tune.errors import GtfTuneError
+    from gtf_tune.pipelines import create_pipeline, pipeline_names
 
-    summaries = pipeline_summaries()
+    rows = []
+    for name in pipeline_names():
+        try:
+            pipeline = create_pipeline(name)
+        except GtfTuneError as error:
+            rows.append((name, "", str(error)))
+            continue
+        rows.append((name, pipeline.version, f"{len(pipeline.options.specs)} options"))
     if json:
-        write_json([{"name": one.name, "version": one.version, "summary": one.summary} for one in summaries])
+        write_json([{"name": name, "version": version, "detail": detail} for name, version, detail in rows])
         return
-    write_table(["pipeline", "version", "what it is"], [(one.name, one.version, one.summary) for one in summaries])
+    write_table(["pipeline", "version", "detail"], rows)
     say("Next: gtf-tune pipeline options glomap --grep reproj")
 
 

@@ -5,13 +5,15 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from gtf_tune.definition.model import StudyDefinition
 from gtf_tune.definition.space import RangeAxis
 from gtf_tune.errors import DefinitionError
+
+_Section = TypeVar("_Section", bound=BaseModel)
 
 _DISCRIMINATOR_TAGS = {"range", "values", "int", "float", "str", "NoisyRuns", "CameraDefinition", "constrained-int"}
 
@@ -50,6 +52,14 @@ def definition_from_dict(
     if definition is None or found:
         raise DefinitionError(f"{source}: {_numbered(found)}")
     return definition
+
+
+def section_from_dict(model: type[_Section], data: Mapping[str, Any], source: str) -> _Section:
+    """Return one checked section of a definition, or raise one `DefinitionError` that names all faults."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise DefinitionError(f"{source}: {_numbered([_sentence(one, data) for one in error.errors()])}") from error
 
 
 def dump_definition(definition: StudyDefinition) -> str:

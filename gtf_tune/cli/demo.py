@@ -1,0 +1,100 @@
+"""Run the main job on a rendered room: render, tune, compare with the truth."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gtf_tune.cli.console import number, percent, permille, say, write_line, write_table
+from gtf_tune.cli.parameters import CacheDir, Jobs
+
+if TYPE_CHECKING:
+    from gtf_tune.store.database import Database
+
+_OPTION = "mapper.max_normalized_reproj_error"
+_VALUES = (3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 1e-2, 5e-2)
+
+
+def demo(
+    folder: Annotated[Path, typer.Option("--folder", help="Where images, database and report go.")] = Path(
+        "gtf-tune-demo"
+    ),
+    jobs: Jobs = None,
+    cache_dir: CacheDir = None,
+) -> None:
+    """Render a room, tune one GLOMAP option on it without ground truth, and check the pick against the truth.
+
+    Example: gtf-tune demo
+    """
+    from gtf_tune.cli.executors import cores
+    from gtf_tune.cli.study_run import work_on
+    from gtf_tune.sequence import render_room
+    from gtf_tune.store import studies
+    from gtf_tune.store.database import create_database
+    from gtf_tune.study.create import checked_definition, create_study, open_study
+
+    folder.mkdir(parents=True, exist_ok=True)
+    room = folder / "room"
+    if not (room / "groundtruth.txt").exists():
+        say(f"rendering a room into {room}")
+        render_room(room)
+    database = create_database(str(folder / "demo.db"))
+    say(f"storage: {database.shown_url}")
+    if "demo" not in studies.names(database):
+        definition = checked_definition(_definition(), "demo")
+        create_study(database, definition, folder.absolute())
+    study = open_study(database, "demo")
+    work_on(study, jobs or cores(), trial_parallel=1, cache_dir=cache_dir)
+    _write_outcome(database, study.record.id)
+    say(f"Next: gtf-tune study best demo --storage {database.shown_url}")
+
+
+def _definition() -> dict[str, Any]:
+    return {
+        "name": "demo",
+        "pipeline": {
+            "name": "glomap",
+            "options": {
+                "mapper.bundle_adjustment.refine_focal_length": False,
+                "mapper.bundle_adjustment.refine_extra_params": False,
+            },
+        },
+        "sequences": [{"name": "room", "path": "room"}],
+        "space": {_OPTION: {"values": list(_VALUES)}},
+        "gtf": {"clean_runs": 2, "noisy_runs": 4, "noise_sigma": 4.0},
+        "search": {"sampler": "grid"},
+    }
+
+
+def _write_outcome(database: "Database", study_id: int) -> None:
+    from gtf_tune.store import trials, validations
+    from gtf_tune.study.picking import rank_correlation
+
+    known = [trial for trial in trials.of_study(database, study_id) if trial.value is not None]
+    recorded = validations.of_study(database, study_id)
+    truth = {ordinal: found[0].ate for ordinal, found in recorded.items() if found[0].ate is not None}
+    nominal, best = known[0], trials.best(database, study_id)
+    ranked = sorted(known, key=lambda trial: (trial.options or {})[_OPTION])
+    rows = [
+        (
+            number(float((trial.options or {})[_OPTION])),
+            permille(trial.gtf_ate),
+            permille(trial.standard_error),
+            number(truth.get(trial.ordinal)),
+            _marks(trial.ordinal == 0, best is not None and trial.ordinal == best.ordinal),
+        )
+        for trial in ranked
+    ]
+    write_table([f">{_OPTION}", ">GTF ATE [‰]", ">± se", ">true ATE", ""], rows)
+    if best is not None and best.value and nominal.value and {0, best.ordinal} <= truth.keys():
+        gain, true_gain = best.value / nominal.value - 1, truth[best.ordinal] / truth[0] - 1
+        write_line(f"the pick changes GTF ATE by {percent(gain)}")
+        write_line(f"the pick changes true ATE, which the search never saw, by {percent(true_gain)}")
+        oracle = min(truth.values()) / truth[0] - 1
+        write_line(f"the best that ground truth itself would have found: {percent(oracle)}")
+    pairs = [(trial.gtf_ate, truth[trial.ordinal]) for trial in known if trial.gtf_ate and trial.ordinal in truth]
+    write_line(f"rank correlation of GTF ATE and true ATE over {len(pairs)} settings: {rank_correlation(pairs):+.2f}")
+
+
+def _marks(is_nominal: bool, is_best: bool) -> str:
+    return ", ".join(word for word, shown in (("nominal", is_nominal), ("pick", is_best)) if shown)

@@ -1,0 +1,113 @@
+"""Show a study at work: bars on a terminal, plain lines elsewhere."""
+
+import sys
+import threading
+import time
+from collections.abc import Mapping
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from gtf_tune.cli.console import duration, percent, permille, say, stderr
+
+if TYPE_CHECKING:
+    from gtf_tune.pipelines import OptionValue
+    from gtf_tune.store.runs import StoredRun
+    from gtf_tune.study.evaluation import RunSlot
+    from gtf_tune.study.events import TrialEnd
+    from gtf_tune.study.opened import OpenStudy
+
+
+class StudyProgress:
+    """Hear of trials and runs and show how far the study is, what is best so far, and how long it will take.
+
+    ``finished`` trials of ``budget`` were done before. The time left follows from the time per trial so far.
+    """
+
+    def __init__(self, budget: int, finished: int, nominal: float | None, best: float | None) -> None:
+        self._budget = budget
+        self._finished = finished
+        self._nominal = nominal
+        self._best = best
+        self._lock = threading.Lock()
+        self._began = time.perf_counter()
+        self._done_here = 0
+        self._progress = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[note]}"),
+            console=stderr(),
+            transient=False,
+            disable=not sys.stderr.isatty(),
+        )
+        self._trials = self._progress.add_task("trials", total=budget, completed=finished, note="")
+        self._runs = self._progress.add_task("runs  ", total=None, note="")
+        self._planned = 0
+
+    @classmethod
+    def of(cls, study: "OpenStudy") -> "StudyProgress":
+        """Return the progress of a study as it stands."""
+        from gtf_tune.store import trials
+
+        counts = trials.counts(study.database, study.record.id)
+        finished = sum(count for state, count in counts.items() if state != "claimed")
+        nominal = trials.get(study.database, study.record.id, 0).value if finished else None
+        best = trials.best(study.database, study.record.id)
+        return cls(study.budget, finished, nominal, best.value if best else None)
+
+    def __enter__(self) -> Self:
+        """Start to show."""
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        """Stop to show, leaving the last state on the terminal."""
+        self._progress.stop()
+
+    def trial_started(self, ordinal: int, options: Mapping[str, "OptionValue"], planned_runs: int) -> None:
+        """Take note of a trial whose options are chosen."""
+        del ordinal, options
+        with self._lock:
+            self._planned += planned_runs
+            self._progress.update(self._runs, total=self._planned)
+
+    def run_finished(self, slot: "RunSlot", run: "StoredRun", *, reused: bool) -> None:
+        """Take note of a run that is now stored."""
+        with self._lock:
+            self._progress.advance(self._runs)
+            note = "reused" if reused else f"{run.wall_s:.1f} s"
+            self._progress.update(self._runs, note=f"{slot.kind} {slot.index} on {slot.sequence}: {run.error or note}")
+
+    def trial_finished(self, end: "TrialEnd") -> None:
+        """Take note of a trial that is complete and stored."""
+        with self._lock:
+            self._finished += 1
+            self._done_here += 1
+            self._remember(end)
+            left = (time.perf_counter() - self._began) / self._done_here * max(self._budget - self._finished, 0)
+            note = f"best {permille(self._best)} per mille, {duration(left)} left"
+            self._progress.update(self._trials, completed=self._finished, note=note)
+            if self._progress.disable:
+                say(f"{self._line(end)}; {self._finished}/{self._budget}, {note}")
+
+    def _remember(self, end: "TrialEnd") -> None:
+        if end.ordinal == 0:
+            self._nominal = end.score.value
+        if end.score.feasible and (self._best is None or end.score.value < self._best):
+            self._best = end.score.value
+
+    def _line(self, end: "TrialEnd") -> str:
+        name = "nominal" if end.ordinal == 0 else f"trial {end.ordinal}"
+        options = ", ".join(f"{option}={_short(value)}" for option, value in end.options.items())
+        if not end.score.feasible:
+            return f"{name} ({options}): infeasible, {end.score.message}"
+        gain = f" ({percent(end.score.value / self._nominal - 1)})" if self._nominal and end.ordinal else ""
+        return f"{name} ({options}): {permille(end.score.value)} per mille{gain}"
+
+
+def _short(value: "OptionValue") -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,15 @@
+"""Collect the commands that create, run and read studies."""
+
+import typer
+
+from gtf_tune.cli import study_create, study_export, study_read, study_run
+
+app = typer.Typer(help="Create, run and read studies.", no_args_is_help=True)
+app.command("create", rich_help_panel="Work")(study_create.create)
+app.command("run", rich_help_panel="Work")(study_run.run)
+app.command("resume", rich_help_panel="Work")(study_run.resume)
+app.command("list", rich_help_panel="Look")(study_read.list_studies)
+app.command("show", rich_help_panel="Look")(study_read.show)
+app.command("best", rich_help_panel="Look")(study_read.best)
+app.command("export", rich_help_panel="Look")(study_export.export)
+app.command("delete", rich_help_panel="Manage")(study_read.delete)

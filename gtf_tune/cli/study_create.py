@@ -1,0 +1,115 @@
+"""Create a study from a definition file, from flags, or from both."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from gtf_tune.cli.console import say
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage
+from gtf_tune.cli.storage_access import create_storage
+from gtf_tune.cli.values import parse_pair, parse_value
+from gtf_tune.errors import DefinitionError
+
+Source = Annotated[str, typer.Argument(metavar="NAME|FILE.toml", help="Name of the study, or a study definition.")]
+SequencePath = Annotated[
+    list[Path] | None, typer.Option("--sequence", "-s", help="Folder of images; once for each sequence.")
+]
+Pipeline = Annotated[str | None, typer.Option("--pipeline", "-p", help="Pipeline to tune.")]
+Fixed = Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="Hold an option fixed.")]
+Range = Annotated[
+    list[str] | None,
+    typer.Option("--range", "-r", metavar="NAME=LOW:HIGH[:log]", help="Search an option between two bounds."),
+]
+Values = Annotated[
+    list[str] | None, typer.Option("--values", "-v", metavar="NAME=A,B,...", help="Search an option over a list.")
+]
+
+
+def create(
+    source: Source,
+    name: Annotated[str | None, typer.Option("--name", help="Another name than the file's.")] = None,
+    sequence: SequencePath = None,
+    pipeline: Pipeline = None,
+    option: Fixed = None,
+    range_: Range = None,
+    values: Values = None,
+    clean_runs: Annotated[int | None, typer.Option("--clean-runs", "-k", help="k, clean runs of a trial.")] = None,
+    noisy_runs: Annotated[int | None, typer.Option("--noisy-runs", "-K", help="k_delta, noisy runs.")] = None,
+    noise_sigma: Annotated[
+        str | None, typer.Option("--noise-sigma", help="Noise in grey levels (0..255), or auto.")
+    ] = None,
+    aggregate: Annotated[str | None, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")] = None,
+    sampler: Annotated[str | None, typer.Option("--sampler", help="grid, tpe, gp, cmaes, qmc or random.")] = None,
+    trials: Annotated[int | None, typer.Option("--trials", "-n", help="Trials, the nominal one included.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Seed of the whole study.")] = None,
+    storage: Storage = DEFAULT_STORAGE,
+) -> None:
+    """Create a study; flags replace what the definition file says.
+
+    Example: gtf-tune study create photos -s images/ -p glomap -r mapper.max_normalized_reproj_error=1e-4:1e-1:log
+    """
+    from gtf_tune.study.create import checked_definition, create_study
+
+    data, root = _base(source)
+    if name:
+        data["name"] = name
+    _add_sections(data, pipeline, option, sequence)
+    _add_space(data, range_ or [], values or [])
+    _put(data, "gtf", clean_runs=clean_runs, noisy_runs=noisy_runs, aggregate=aggregate)
+    _put(data, "gtf", noise_sigma=None if noise_sigma is None else parse_value(noise_sigma))
+    _put(data, "search", sampler=sampler, trials=trials, seed=seed)
+    definition = checked_definition(data, source)
+    database = create_storage(storage)
+    study = create_study(database, definition, root)
+    say(f"created study '{study.name}'")
+    shown = "" if storage == DEFAULT_STORAGE else f" --storage {database.shown_url}"
+    say(f"Next: gtf-tune study run {study.name}{shown}")
+
+
+def _base(source: str) -> tuple[dict[str, Any], Path]:
+    """Return the definition to start from, and the folder that its paths are relative to."""
+    from gtf_tune.definition import read_toml
+
+    if source.endswith(".toml"):
+        path = Path(source)
+        return read_toml(path), path.absolute().parent
+    return {"name": source, "pipeline": {"name": "glomap"}}, Path.cwd()
+
+
+def _add_sections(
+    data: dict[str, Any], pipeline: str | None, options: list[str] | None, sequences: list[Path] | None
+) -> None:
+    _put(data, "pipeline", name=pipeline)
+    if options:
+        fixed = {name: parse_value(value) for name, value in (parse_pair(one, "--option") for one in options)}
+        section = dict(data.get("pipeline") or {})
+        data["pipeline"] = {**section, "options": {**section.get("options", {}), **fixed}}
+    if sequences:
+        data["sequences"] = [{"name": path.absolute().name, "path": str(path.absolute())} for path in sequences]
+
+
+def _add_space(data: dict[str, Any], ranges: list[str], lists: list[str]) -> None:
+    axes: dict[str, Any] = {}
+    for text in ranges:
+        name, bounds = parse_pair(text, "--range")
+        axes[name] = _range(text, bounds)
+    for text in lists:
+        name, values = parse_pair(text, "--values")
+        axes[name] = {"values": [parse_value(value.strip()) for value in values.split(",")]}
+    if axes:
+        data["space"] = {**data.get("space", {}), **axes}
+
+
+def _range(text: str, bounds: str) -> dict[str, Any]:
+    parts = bounds.split(":")
+    if len(parts) not in (2, 3) or parts[2:] not in ([], ["log"], ["linear"]):
+        raise DefinitionError(f"--range takes NAME=LOW:HIGH or NAME=LOW:HIGH:log, not '{text}'")
+    return {"low": parse_value(parts[0]), "high": parse_value(parts[1]), "log": parts[2:] == ["log"]}
+
+
+def _put(data: dict[str, Any], section: str, **values: object) -> None:
+    given: Mapping[str, object] = {name: value for name, value in values.items() if value is not None}
+    if given:
+        data[section] = {**(data.get(section) or {}), **given}

@@ -1,0 +1,129 @@
+"""Write a pick in the forms that people paste back into their tools."""
+
+import json as json_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gtf_tune.cli.console import say
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
+from gtf_tune.cli.storage_access import open_storage
+
+if TYPE_CHECKING:
+    from gtf_tune.store.database import Database
+    from gtf_tune.store.studies import Study
+    from gtf_tune.store.trials import Trial
+
+Format = Annotated[str, typer.Option("--format", "-f", help="colmap-ini, colmap-cli, json, csv or tum.")]
+Output = Annotated[Path | None, typer.Option("--output", "-o", help="A file (a folder for tum); default stdout.")]
+TrialNumber = Annotated[int | None, typer.Option("--trial", help="Another trial than the best.")]
+
+
+def export(
+    name: StudyName,
+    format_: Format = "colmap-ini",
+    output: Output = None,
+    trial: TrialNumber = None,
+    storage: Storage = DEFAULT_STORAGE,
+) -> None:
+    """Write the best setting as a COLMAP project file, flags or JSON, all trials as CSV, or trajectories as TUM files.
+
+    Example: gtf-tune study export photos --format colmap-ini -o project.ini
+    """
+    from gtf_tune.errors import DefinitionError
+    from gtf_tune.store import studies
+    from gtf_tune.study import export as export_module
+
+    if format_ not in export_module.FORMATS:
+        raise DefinitionError(f"--format takes one of {', '.join(export_module.FORMATS)}, not '{format_}'")
+    database = open_storage(storage)
+    study = studies.get(database, name)
+    if format_ == "csv":
+        _deliver(_trials_csv(database, study), output)
+        return
+    chosen = _choose(database, study, trial)
+    if format_ == "tum":
+        _write_trajectories(database, chosen, output or Path(f"{name}-trial-{chosen.ordinal}"))
+        return
+    definition = json_module.loads(study.definition)
+    _deliver(_settings(format_, definition, chosen), output)
+
+
+def _choose(database: "Database", study: "Study", ordinal: int | None) -> "Trial":
+    from gtf_tune.errors import StorageError
+    from gtf_tune.store import trials
+
+    if ordinal is not None:
+        return trials.get(database, study.id, ordinal)
+    found = trials.best(database, study.id)
+    if found is None:
+        raise StorageError(
+            f"study '{study.name}' has no feasible trial to export; run it with: gtf-tune study run {study.name}"
+        )
+    return found
+
+
+def _settings(format_: str, definition: dict[str, Any], trial: "Trial") -> str:
+    from gtf_tune.study import export as export_module
+
+    pipeline = definition["pipeline"]
+    options = {**pipeline["options"], **(trial.options or {})}
+    if format_ == "colmap-ini":
+        return export_module.colmap_ini(pipeline["name"], options)
+    if format_ == "colmap-cli":
+        pairing = str(pipeline["settings"].get("pairing", "exhaustive"))
+        return export_module.colmap_flags(pipeline["name"], options, pairing)
+    return export_module.option_json(options)
+
+
+def _trials_csv(database: "Database", study: "Study") -> str:
+    from gtf_tune.store import trials, validations
+    from gtf_tune.study import export as export_module
+
+    known = trials.of_study(database, study.id)
+    truth = validations.of_study(database, study.id)
+    names = list(dict.fromkeys(option for trial in known for option in trial.options or {}))
+    sequences = sorted({one.sequence_name for found in truth.values() for one in found})
+    facts = ("ordinal", "state", "feasible", "value", "standard_error", "ci_low", "ci_high", "coverage")
+    more = ("collapsed_rate", "clean_runs", "noisy_runs", "wall_s", "message")
+    rows = [
+        [
+            *(getattr(trial, fact) for fact in (*facts, *more)),
+            *(_true_ate(truth.get(trial.ordinal, []), sequence) for sequence in sequences),
+            *((trial.options or {}).get(option) for option in names),
+        ]
+        for trial in known
+    ]
+    return export_module.table_csv([*facts, *more, *(f"gt_ate:{one}" for one in sequences), *names], rows)
+
+
+def _true_ate(found: list[Any], sequence: str) -> float | None:
+    return next((one.ate for one in found if one.sequence_name == sequence), None)
+
+
+def _write_trajectories(database: "Database", trial: "Trial", folder: Path) -> None:
+    from gtf_tune.store import runs
+    from gtf_tune.store.trajectories import trajectories
+    from gtf_tune.trajectory import write_tum
+
+    folder.mkdir(parents=True, exist_ok=True)
+    uses = runs.of_trial(database, trial.id)
+    found = trajectories(database, [use.run.key for use in uses])
+    for use in uses:
+        if len(found[use.run.key]):
+            write_tum(found[use.run.key], folder / f"{use.sequence_name}-{use.run.kind}-{use.run.index:02d}.txt")
+    say(f"wrote the trajectories of trial {trial.ordinal} to {folder}")
+
+
+def _deliver(text: str, output: Path | None) -> None:
+    if output is None:
+        typer.echo(text, nl=False)
+        return
+    from gtf_tune.errors import StorageError
+
+    try:
+        output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise StorageError(f"cannot write {output} ({error.strerror}); choose another place with --output") from error
+    say(f"wrote {output}")

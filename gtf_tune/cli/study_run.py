@@ -1,0 +1,114 @@
+"""Work on a study in this process."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gtf_tune.cli.console import say
+from gtf_tune.cli.executors import cores, make_executor
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage, StudyName
+from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.values import parse_pair
+
+if TYPE_CHECKING:
+    from gtf_tune.store.database import Database
+    from gtf_tune.study.opened import OpenStudy
+
+INTERRUPTED_EXIT_CODE = 130
+
+TrialParallel = Annotated[
+    int, typer.Option("--trial-parallel", min=1, help="Trials side by side; more than 1 changes adaptive samplers.")
+]
+Places = Annotated[
+    list[str] | None,
+    typer.Option("--sequence", metavar="NAME=PATH", help="Where a sequence lies on this machine."),
+]
+VersionMismatch = Annotated[
+    bool, typer.Option("--allow-version-mismatch", help="Go on with another version of the pipeline.")
+]
+
+
+def run(
+    name: StudyName,
+    jobs: Jobs = None,
+    trial_parallel: TrialParallel = 1,
+    sequence: Places = None,
+    cache_dir: CacheDir = None,
+    no_cache: NoCache = False,
+    allow_version_mismatch: VersionMismatch = False,
+    storage: Storage = DEFAULT_STORAGE,
+) -> None:
+    """Work on a study until its trials are done; goes on where it stopped.
+
+    Ctrl-C once finishes the runs in flight, twice stops at once; nothing finished is lost.
+
+    Example: gtf-tune study run photos --jobs 4
+    """
+    database = open_storage(storage)
+    study = _open(database, name, sequence, allow_version_mismatch)
+    work_on(study, jobs or cores(), trial_parallel, cache_dir, no_cache=no_cache)
+    _suggest_next(name, storage, database)
+
+
+def resume(
+    name: StudyName,
+    jobs: Jobs = None,
+    trial_parallel: TrialParallel = 1,
+    sequence: Places = None,
+    cache_dir: CacheDir = None,
+    no_cache: NoCache = False,
+    allow_version_mismatch: VersionMismatch = False,
+    storage: Storage = DEFAULT_STORAGE,
+) -> None:
+    """Go on with a study, after saying what is done and what is left.
+
+    Example: gtf-tune study resume photos
+    """
+    from gtf_tune.store import runs, studies, trials
+
+    database = open_storage(storage)
+    study = _open(database, name, sequence, allow_version_mismatch)
+    counts = trials.counts(database, study.record.id)
+    done = counts.get("complete", 0) + counts.get("pruned", 0)
+    kept = len({one.run.key for one in runs.of_study(database, study.record.id)})
+    say(
+        f"study '{name}': {done} of {study.budget} trials done, {counts.get('claimed', 0)} in progress, "
+        f"{kept} runs stored, {study.budget - done} trials left"
+    )
+    if study.record.state != "open":
+        studies.set_state(database, study.record.id, "open")
+    work_on(study, jobs or cores(), trial_parallel, cache_dir, no_cache=no_cache)
+    _suggest_next(name, storage, database)
+
+
+def work_on(
+    study: "OpenStudy", jobs: int, trial_parallel: int, cache_dir: Path | None, *, no_cache: bool = False
+) -> None:
+    """Run a study here with progress on stderr; exit with 130 if someone stopped it."""
+    from gtf_tune.cli.progress import StudyProgress
+    from gtf_tune.study.stop import StopRequest, signals_to
+    from gtf_tune.study.worker import StudyWorker
+
+    stop = StopRequest()
+    with (
+        signals_to(stop, say),
+        make_executor(jobs, cache_dir, no_cache=no_cache) as executor,
+        StudyProgress.of(study) as progress,
+    ):
+        done = StudyWorker(study, executor, stop, progress).work(trial_parallel)
+    if stop.level and not done:
+        say(f"stopped; go on with: gtf-tune study resume {study.definition.name}")
+        raise typer.Exit(INTERRUPTED_EXIT_CODE)
+
+
+def _open(database: "Database", name: str, places: list[str] | None, allow_mismatch: bool) -> "OpenStudy":
+    from gtf_tune.study.create import open_study
+
+    folders = {one: Path(path) for one, path in (parse_pair(text, "--sequence") for text in places or [])}
+    return open_study(database, name, folders, allow_version_mismatch=allow_mismatch)
+
+
+def _suggest_next(name: str, storage: str, database: "Database") -> None:
+    shown = "" if storage == DEFAULT_STORAGE else f" --storage {database.shown_url}"
+    say(f"Next: gtf-tune study best {name}{shown}")

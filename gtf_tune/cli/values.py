@@ -1,0 +1,22 @@
+"""Read values and pairs from the command line."""
+
+import tomllib
+from typing import Any
+
+from gtf_tune.errors import DefinitionError
+
+
+def parse_value(text: str) -> Any:
+    """Return the TOML value of a text (1e-3, true, 7), or the text itself where it is none."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def parse_pair(text: str, flag: str) -> tuple[str, str]:
+    """Split NAME=VALUE."""
+    name, equals, value = text.partition("=")
+    if not equals or not name.strip() or not value.strip():
+        raise DefinitionError(f"{flag} takes NAME=VALUE, not '{text}'")
+    return name.strip(), value.strip()

@@ -1,0 +1,91 @@
+"""Score one setting on one sequence, without a study and without a database."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from gtf_tune.alignment import MIN_MATCHED
+from gtf_tune.definition import GtfDefinition, LimitsDefinition
+from gtf_tune.errors import TrajectoryError
+from gtf_tune.execution import Executor, RunLimits
+from gtf_tune.pipelines import OptionValue, Pipeline
+from gtf_tune.sequence import Sequence
+from gtf_tune.study.objective import FinishedRun, SequenceScore, score_sequence
+from gtf_tune.study.plan import RunPlanner, run_order
+from gtf_tune.study.seeds import SeedSource
+from gtf_tune.validation import side_metric
+
+_GIB = 2**30
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Hold what is scored: a pipeline, its options, how the score is formed, the seed and the limits of a run."""
+
+    pipeline: Pipeline
+    options: Mapping[str, OptionValue]
+    gtf: GtfDefinition
+    seed: int = 0
+    limits: LimitsDefinition = field(default_factory=LimitsDefinition)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Hold the score of a setting on a sequence; ``gt_ate`` is NaN without ground truth."""
+
+    score: SequenceScore
+    gt_ate: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the numbers by name."""
+        score = self.score.score
+        return {
+            "gtf_ate": score.value if score else None,
+            "standard_error": score.standard_error if score else None,
+            "confidence_interval": list(score.confidence_interval) if score else None,
+            "matrix": score.matrix.tolist() if score else None,
+            "collapse_rate": score.collapse_rate if score else None,
+            "coverage": self.score.coverage,
+            "feasible": self.score.feasible,
+            "message": self.score.message,
+            "gt_ate": self.gt_ate,
+        }
+
+
+def evaluate_setting(
+    setting: Setting, sequence: Sequence, executor: Executor, on_run: Callable[[str], None] = lambda _: None
+) -> Evaluation:
+    """Return the score of a setting; ``on_run`` hears a sentence for every run that ended.
+
+    A setting is infeasible here only if fewer than four frames are registered: there is no nominal run to compare with.
+    """
+    gtf = setting.gtf
+    if isinstance(gtf.noise_sigma, str):
+        raise TypeError("the noise of one evaluation is a number; 'auto' belongs to studies")
+    planner = RunPlanner(setting.pipeline, gtf, SeedSource(setting.seed), {})
+    limits = RunLimits(setting.limits.run_timeout_s, int(setting.limits.run_memory_gb * _GIB))
+    order = run_order(gtf.clean_runs, gtf.noisy_runs_max)
+    sigma = gtf.noise_sigma
+    futures = {
+        run: executor.submit(planner.request(sequence, setting.options, run, sigma=sigma, ordinal=0), limits)
+        for run in order
+    }
+    finished: dict[tuple[str, int], FinishedRun] = {}
+    for (kind, index), future in futures.items():
+        outcome = future.result()
+        finished[kind, index] = FinishedRun(outcome.trajectory, outcome.error)
+        on_run(f"{kind} run {index}: {outcome.error or f'{len(outcome.trajectory)} frames, {outcome.wall_s:.1f} s'}")
+    clean = [run for (kind, _), run in finished.items() if kind == "clean"]
+    noisy = [run for (kind, _), run in finished.items() if kind == "noisy"]
+    score = score_sequence(clean, noisy, num_frames=len(sequence), floor=MIN_MATCHED / len(sequence), gtf=gtf)
+    return Evaluation(score, _true_ate(sequence, clean))
+
+
+def _true_ate(sequence: Sequence, clean: list[FinishedRun]) -> float:
+    if sequence.ground_truth is None:
+        return math.nan
+    try:
+        return side_metric(sequence.ground_truth, [run.trajectory for run in clean]).gt_ate
+    except TrajectoryError:
+        return math.nan
