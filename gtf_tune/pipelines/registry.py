@@ -1,0 +1,69 @@
+"""Find pipelines by name: the built-in ones and those that other packages install."""
+
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from types import MappingProxyType
+from typing import cast
+
+from gtf_tune.errors import DefinitionError
+from gtf_tune.pipelines.base import Pipeline
+
+PipelineFactory = Callable[[Mapping[str, object]], Pipeline]
+"""Make a pipeline from its settings; raise `DefinitionError` where they are wrong."""
+
+ENTRY_POINT_GROUP = "gtf_tune.pipelines"
+"""Group of entry points in which other packages offer a `PipelineFactory` under the pipeline's name."""
+
+_BUILT_IN = MappingProxyType(
+    {
+        "analytic": "gtf_tune.pipelines.analytic:create",
+        "colmap": "gtf_tune.pipelines.colmap:create",
+        "colmap-hierarchical": "gtf_tune.pipelines.colmap:create_hierarchical",
+        "glomap": "gtf_tune.pipelines.glomap:create",
+    }
+)
+_NO_SETTINGS: Mapping[str, object] = MappingProxyType({})
+
+
+def pipeline_names() -> tuple[str, ...]:
+    """Return the names of all pipelines that can be created here, sorted."""
+    return tuple(sorted({*_BUILT_IN, *_installed()}))
+
+
+def create_pipeline(name: str, settings: Mapping[str, object] = _NO_SETTINGS) -> Pipeline:
+    """Return the pipeline of that name; its module is imported now and not before.
+
+    Raises
+    ------
+    DefinitionError
+        No pipeline has this name, its package cannot be imported, or a setting is wrong.
+    """
+    return _factory(name)(settings)
+
+
+def _factory(name: str) -> PipelineFactory:
+    if name in _BUILT_IN:
+        module, _, attribute = _BUILT_IN[name].partition(":")
+        return cast(PipelineFactory, getattr(import_module(module), attribute))
+    found = _installed().get(name)
+    if found is None:
+        raise DefinitionError(_unknown(name))
+    try:
+        return cast(PipelineFactory, found.load())
+    except (ImportError, AttributeError) as error:
+        raise DefinitionError(
+            f"pipeline '{name}' is offered by {found.value} but cannot be imported ({error}); mend that installation"
+        ) from error
+
+
+def _installed() -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP) if point.name not in _BUILT_IN}
+
+
+def _unknown(name: str) -> str:
+    names = pipeline_names()
+    near = get_close_matches(name, names, n=2, cutoff=0.5)
+    hint = f"did you mean {' or '.join(repr(one) for one in near)}" if near else f"is it one of {', '.join(names)}"
+    return f"unknown pipeline '{name}'; {hint}? Run 'gtf-tune pipeline list'"

@@ -1,0 +1,44 @@
+"""Settings of pipelines are checked by name and word, all faults at once."""
+
+from pathlib import Path
+
+import pytest
+
+from gtf_tune.errors import DefinitionError
+from gtf_tune.pipelines import create_pipeline
+from gtf_tune.pipelines.settings import Setting, read_settings
+
+KNOWN = {"pairing": Setting("exhaustive", ("exhaustive", "sequential")), "rate": Setting("1")}
+
+
+def test_defaults_fill_what_is_not_given() -> None:
+    assert read_settings("p", KNOWN, {"pairing": "sequential"}) == {"pairing": "sequential", "rate": "1"}
+
+
+def test_values_become_texts() -> None:
+    assert read_settings("p", KNOWN, {"rate": 0.5})["rate"] == "0.5"
+    assert read_settings("p", KNOWN, {"rate": True})["rate"] == "true"
+
+
+def test_all_faults_are_named_at_once() -> None:
+    with pytest.raises(DefinitionError, match=r"'p'.*'paring'; did you mean 'pairing'; .*'rate' must be a short value"):
+        read_settings("p", KNOWN, {"paring": "exhaustive", "rate": [1]})
+
+
+def test_words_are_checked() -> None:
+    with pytest.raises(DefinitionError, match=r"must be one of exhaustive, sequential, not 'all'"):
+        read_settings("p", KNOWN, {"pairing": "all"})
+
+
+@pytest.mark.parametrize("name", ["glomap", "colmap"])
+def test_missing_vocabulary_trees_are_named(name: str, tmp_path: Path) -> None:
+    path = tmp_path / "tree.bin"
+
+    with pytest.raises(DefinitionError, match=r"no vocabulary tree file at '.*tree\.bin'; nothing is downloaded"):
+        create_pipeline(name, {"pairing": "sequential", "vocab_tree_path": path.as_posix()})
+
+
+def test_camera_models_are_those_of_pycolmap() -> None:
+    assert create_pipeline("glomap", {"camera_model": "OPENCV"}).settings["camera_model"] == "OPENCV"
+    with pytest.raises(DefinitionError, match="OPENCV_FISHEYE"):
+        create_pipeline("glomap", {"camera_model": "OPENVC"})
