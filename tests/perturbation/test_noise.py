@@ -16,7 +16,10 @@ def test_noise_has_the_same_pixels_on_every_machine():
 
     noisy = noisy_image(ramp, 5.0, seed=7, frame_id=3)
 
-    assert hashlib.sha256(noisy.tobytes()).hexdigest() == "68e5cc07224eb31cf1a794777bb29bf6322f96a08ff31fe94ddcaa850148d4aa"
+    assert (
+        hashlib.sha256(noisy.tobytes()).hexdigest()
+        == "68e5cc07224eb31cf1a794777bb29bf6322f96a08ff31fe94ddcaa850148d4aa"
+    )
 
 
 def test_zero_sigma_returns_the_input():

@@ -1,6 +1,7 @@
 """State what a layout is: how a data set's folder becomes frames, intrinsics and ground truth."""
 
 from collections.abc import Callable
+from collections.abc import Sequence as Items
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,6 +38,13 @@ class Layout:
     matches: Callable[[Path], bool]
     read: Callable[[Path], Recording]
     help: str
+
+
+def one_camera(cameras: Items[Camera]) -> tuple[Camera | None, tuple[str, ...]]:
+    """Return the camera that all images share, or ``None`` and a note where their intrinsics differ."""
+    if len(set(cameras)) == 1:
+        return cameras[0], ()
+    return None, (f"the images have {len(set(cameras))} different intrinsics, so they count as unknown",)
 
 
 def check_unique(frames: tuple[Frame, ...], source: Path) -> None:

@@ -5,13 +5,36 @@ from pathlib import Path
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.layouts.base import Layout
+from gtf_tune.sequence.layouts.colmap import COLMAP
+from gtf_tune.sequence.layouts.euroc import EUROC
 from gtf_tune.sequence.layouts.folder import FOLDER
+from gtf_tune.sequence.layouts.icl_nuim import ICL_NUIM
+from gtf_tune.sequence.layouts.kitti import KITTI
+from gtf_tune.sequence.layouts.nerf import NERF
+from gtf_tune.sequence.layouts.numbered import SCANNET, SEVEN_SCENES
+from gtf_tune.sequence.layouts.replica import REPLICA
+from gtf_tune.sequence.layouts.strecha import STRECHA
+from gtf_tune.sequence.layouts.tartanair import TARTANAIR
 from gtf_tune.sequence.layouts.tum import ETH3D_SLAM, TUM_RGBD
 
 AUTO = "auto"
 
 # The first that matches wins, so a layout stands before those whose marks it shares.
-_LAYOUTS: tuple[Layout, ...] = (ETH3D_SLAM, TUM_RGBD, FOLDER)
+_LAYOUTS: tuple[Layout, ...] = (
+    ICL_NUIM,
+    ETH3D_SLAM,
+    TUM_RGBD,
+    KITTI,
+    EUROC,
+    REPLICA,
+    TARTANAIR,
+    SCANNET,
+    SEVEN_SCENES,
+    COLMAP,
+    NERF,
+    STRECHA,
+    FOLDER,
+)
 
 
 def layout_names() -> tuple[str, ...]:
@@ -34,13 +57,16 @@ def find_layout(root: Path, name: str = AUTO) -> Layout:
     """
     if name != AUTO:
         return _named(name)
-    for layout in _LAYOUTS:
-        if layout.matches(root):
-            return layout
-    raise SequenceError(
-        f"{root}: found neither images nor a known layout ({', '.join(layout_names())}); "
-        "give the folder that holds the images, or run 'gtf-tune sequence inspect --help'"
-    )
+    try:
+        found = next((layout for layout in _LAYOUTS if layout.matches(root)), None)
+    except OSError as error:
+        raise SequenceError(f"{root}: cannot look into the folder ({error.strerror}); check its permissions") from error
+    if found is None:
+        raise SequenceError(
+            f"{root}: found neither images nor a known layout ({', '.join(layout_names())}); give the folder that "
+            "holds the images, and take frames out of a video with 'gtf-tune sequence extract' first"
+        )
+    return found
 
 
 def _named(name: str) -> Layout:

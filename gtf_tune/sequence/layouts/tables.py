@@ -31,24 +31,28 @@ def read_rows(path: Path, separator: str | None = None) -> list[tuple[int, list[
 
 def to_numbers(fields: list[str], path: Path, line: int) -> list[float]:
     """Return the fields as finite numbers, or raise `SequenceError` that names file and line."""
-    try:
-        numbers = [float(field) for field in fields]
-    except ValueError as error:
-        raise SequenceError(f"{path}:{line}: expected numbers, found '{' '.join(fields)}'; mend the line") from error
+    numbers = _to_floats(fields, path, line)
     if not all(math.isfinite(number) for number in numbers):
         raise SequenceError(f"{path}:{line}: expected finite numbers, found '{' '.join(fields)}'; mend the line")
     return numbers
 
 
 def read_numbers(path: Path) -> NDArray[np.float64]:
-    """Return all numbers of a file in one row, whatever its line breaks."""
+    """Return all numbers of a file in one row, whatever its line breaks; they must be finite."""
     numbers = [value for line, fields in read_rows(path) for value in to_numbers(fields, path, line)]
     return np.array(numbers, dtype=np.float64)
 
 
 def read_matrix(path: Path, rows: int, columns: int) -> NDArray[np.float64]:
-    """Return the leading ``rows`` x ``columns`` numbers of a file that holds one matrix."""
-    numbers = read_numbers(path)
+    """Return the leading ``rows`` x ``columns`` numbers of a file with one matrix; infinity and NaN are let through."""
+    numbers = [value for line, fields in read_rows(path) for value in _to_floats(fields, path, line)]
     if len(numbers) < rows * columns:
         raise SequenceError(f"{path}: expected a {rows}x{columns} matrix, found {len(numbers)} numbers; check the file")
-    return numbers[: rows * columns].reshape(rows, columns)
+    return np.array(numbers[: rows * columns], dtype=np.float64).reshape(rows, columns)
+
+
+def _to_floats(fields: list[str], path: Path, line: int) -> list[float]:
+    try:
+        return [float(field) for field in fields]
+    except ValueError as error:
+        raise SequenceError(f"{path}:{line}: expected numbers, found '{' '.join(fields)}'; mend the line") from error

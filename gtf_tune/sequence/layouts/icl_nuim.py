@@ -1,0 +1,80 @@
+"""Read ICL-NUIM, as TUM-compatible PNGs or as the renderer's own."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from gtf_tune.errors import SequenceError
+from gtf_tune.sequence.camera import pinhole_from_opencv
+from gtf_tune.sequence.layouts.base import Layout, Recording
+from gtf_tune.sequence.layouts.folder import list_images
+from gtf_tune.sequence.layouts.ground_truth import poses_by_timestamp
+from gtf_tune.sequence.layouts.tables import read_rows
+from gtf_tune.sequence.value import Frame
+from gtf_tune.trajectory import Trajectory, read_trajectory
+
+_RATE_HZ = 30.0
+
+# Published as fy = -480: the renderer's world and cameras have y pointing up, which makes them left-handed.
+_CAMERA = pinhole_from_opencv((481.2, 480.0), (319.5, 239.5), (640, 480))
+
+
+def _pose_file(root: Path) -> Path | None:
+    return next(iter(sorted(root.glob("*.gt.freiburg"))), None) if root.is_dir() else None
+
+
+def _read(root: Path) -> Recording:
+    images = sorted(_numbered(root).items())
+    frames = tuple(Frame(position, path, number / _RATE_HZ) for position, (number, path) in enumerate(images))
+    poses = _pose_file(root)
+    if poses is None:
+        return Recording(frames, _CAMERA)
+    ground_truth, notes = poses_by_timestamp(frames, _right_handed(read_trajectory(poses, format="tum")), poses)
+    return Recording(frames, _CAMERA, ground_truth, notes=notes)
+
+
+def _numbered(root: Path) -> dict[int, Path]:
+    """Return the images by the numbers under which the pose file counts them."""
+    pairs = root / "associations.txt"
+    if pairs.is_file():
+        return dict(_association(root, pairs, line, fields) for line, fields in read_rows(pairs))
+    folder, pattern = (root / "rgb", "*") if (root / "rgb").is_dir() else (root, "scene_*")
+    found = {path: re.search(r"(\d+)$", path.stem) for path in list_images(folder, pattern)}
+    unnumbered = next((path for path, match in found.items() if match is None), None)
+    if unnumbered:
+        raise SequenceError(f"{unnumbered}: expected an image name that ends in a number; rename or remove the file")
+    return {int(match.group(1)): path for path, match in found.items() if match}
+
+
+def _association(root: Path, pairs: Path, line: int, fields: list[str]) -> tuple[int, Path]:
+    """Return number and colour image of a line ``number depth number rgb``."""
+    if len(fields) != 4 or not fields[2].isdigit():
+        raise SequenceError(
+            f"{pairs}:{line}: expected 'number depth-image number colour-image', found '{' '.join(fields)}'"
+        )
+    return int(fields[2]), root / fields[3]
+
+
+def _right_handed(published: Trajectory) -> Trajectory:
+    """Mirror world and camera at y = 0, and turn the frame numbers into seconds.
+
+    With S = diag(1, -1, 1), R becomes S R S and t becomes S t; the quaternion then changes the signs of x and z.
+    """
+    return Trajectory(
+        frame_ids=published.frame_ids,
+        timestamps=published.timestamps / _RATE_HZ,
+        positions=published.positions * np.array([1.0, -1, 1]),
+        quaternions=published.quaternions * np.array([-1.0, 1, -1, 1]),
+    )
+
+
+ICL_NUIM = Layout(
+    name="icl-nuim",
+    matches=lambda root: _pose_file(root) is not None,
+    read=_read,
+    help=(
+        "ICL-NUIM (https://www.doc.ic.ac.uk/~ahanda/VaFRIC/iclnuim.html): unpack a sequence, as TUM-compatible PNGs or "
+        "as the native ones, put its *.gt.freiburg pose file beside rgb/ (or scene_00_*.png), and give that folder."
+    ),
+)

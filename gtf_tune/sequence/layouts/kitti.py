@@ -1,0 +1,86 @@
+"""Read KITTI odometry: rectified images, times.txt, calib.txt and the poses that come separately."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gtf_tune.errors import SequenceError
+from gtf_tune.sequence.camera import Camera, pinhole_from_opencv
+from gtf_tune.sequence.images import image_size
+from gtf_tune.sequence.layouts.base import Layout, Recording, check_unique
+from gtf_tune.sequence.layouts.folder import list_images
+from gtf_tune.sequence.layouts.ground_truth import poses_by_index
+from gtf_tune.sequence.layouts.tables import read_numbers, read_rows, to_numbers
+from gtf_tune.sequence.value import Frame
+from gtf_tune.trajectory import Trajectory, read_trajectory
+
+_IMAGE_FOLDERS = {"image_0": "P0", "image_2": "P2"}
+
+
+def _matches(root: Path) -> bool:
+    return (root / "times.txt").is_file() and any((root / folder).is_dir() for folder in _IMAGE_FOLDERS)
+
+
+def _read(root: Path) -> Recording:
+    folder = next((name for name in _IMAGE_FOLDERS if (root / name).is_dir()), "image_0")
+    frames = _read_frames(root / folder, root / "times.txt")
+    projection = _read_projection(root / "calib.txt", _IMAGE_FOLDERS[folder])
+    path = next((candidate for candidate in _pose_files(root) if candidate.is_file()), None)
+    if path is None:
+        return Recording(frames, _camera(projection, frames[0].path))
+    poses = _moved_to_camera(read_trajectory(path, format="kitti"), projection)
+    ground_truth, notes = poses_by_index(frames, poses, path)
+    return Recording(frames, _camera(projection, frames[0].path), ground_truth, notes=notes)
+
+
+def _pose_files(root: Path) -> tuple[Path, ...]:
+    return root / "poses.txt", root / f"{root.name}.txt", root.parent.parent / "poses" / f"{root.name}.txt"
+
+
+def _read_frames(folder: Path, times: Path) -> tuple[Frame, ...]:
+    stamps = read_numbers(times)
+    images = list_images(folder)
+    if len(stamps) != len(images):
+        raise SequenceError(
+            f"{times}: has {len(stamps)} times for {len(images)} images in {folder}; check the download"
+        )
+    frames = tuple(Frame(number, path, float(stamps[number])) for number, path in enumerate(images))
+    check_unique(frames, times)
+    return frames
+
+
+def _read_projection(path: Path, name: str) -> NDArray[np.float64]:
+    """Return the 3x4 projection matrix of a rectified camera."""
+    for line, fields in read_rows(path):
+        if fields[0].rstrip(":") == name and len(fields) == 13:
+            return np.array(to_numbers(fields[1:], path, line)).reshape(3, 4)
+    raise SequenceError(f"{path}: expected a line '{name}:' with 12 numbers, found none; check the download")
+
+
+def _camera(projection: NDArray[np.float64], image: Path) -> Camera:
+    fx, fy, cx, cy = (float(projection[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return pinhole_from_opencv((fx, fy), (cx, cy), image_size(image))
+
+
+def _moved_to_camera(poses: Trajectory, projection: NDArray[np.float64]) -> Trajectory:
+    """Turn poses of camera 0 into those of the projection K [I | K^-1 p], which stands beside it."""
+    centre = -np.linalg.solve(projection[:, :3], projection[:, 3])
+    return Trajectory(
+        frame_ids=poses.frame_ids,
+        timestamps=poses.timestamps,
+        positions=poses.positions + poses.rotations.as_matrix() @ centre,
+        quaternions=poses.quaternions,
+    )
+
+
+KITTI = Layout(
+    name="kitti",
+    matches=_matches,
+    read=_read,
+    help=(
+        "KITTI odometry (https://www.cvlibs.net/datasets/kitti/eval_odometry.php): unpack grey images, calibration and "
+        "poses into one folder and give dataset/sequences/07, which holds image_0/, times.txt and calib.txt; poses are "
+        "found in dataset/poses/07.txt."
+    ),
+)

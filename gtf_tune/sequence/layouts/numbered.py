@@ -1,0 +1,82 @@
+"""Read data sets with one pose file beside each image: 7-Scenes and ScanNet."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from gtf_tune.errors import SequenceError
+from gtf_tune.sequence.camera import Camera, pinhole_from_opencv
+from gtf_tune.sequence.images import image_size
+from gtf_tune.sequence.layouts.base import Layout, Recording
+from gtf_tune.sequence.layouts.folder import list_images
+from gtf_tune.sequence.layouts.ground_truth import poses_from_matrices
+from gtf_tune.sequence.layouts.tables import read_matrix
+from gtf_tune.sequence.value import Frame
+from gtf_tune.trajectory import Trajectory
+
+_RATE_HZ = 30.0
+
+# The Kinect's nominal calibration, which the 7-Scenes page gives for both of its cameras.
+_SEVEN_SCENES_CAMERA = pinhole_from_opencv((585.0, 585.0), (320.0, 240.0), (640, 480))
+
+
+def _read_seven_scenes(root: Path) -> Recording:
+    frames = _numbered_frames(root, "frame-*.color.*")
+    names = (frame.path.name.split(".")[0] for frame in frames)
+    ground_truth = _read_poses(frames, tuple(root / f"{name}.pose.txt" for name in names))
+    return Recording(frames, _SEVEN_SCENES_CAMERA, ground_truth)
+
+
+def _read_scannet(root: Path) -> Recording:
+    frames = _numbered_frames(root / "color", "*")
+    poses = tuple(root / "pose" / f"{frame.path.stem}.txt" for frame in frames)
+    ground_truth = _read_poses(frames, poses) if (root / "pose").is_dir() else None
+    return Recording(frames, _scannet_camera(root / "intrinsic" / "intrinsic_color.txt", frames[0].path), ground_truth)
+
+
+def _scannet_camera(path: Path, image: Path) -> Camera | None:
+    if not path.is_file():
+        return None
+    matrix = read_matrix(path, 3, 4)
+    fx, fy, cx, cy = (float(matrix[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return pinhole_from_opencv((fx, fy), (cx, cy), image_size(image))
+
+
+def _numbered_frames(folder: Path, pattern: str) -> tuple[Frame, ...]:
+    """Return frames whose timestamps count the numbers in the file names at 30 Hz: left-out frames leave gaps."""
+    frames: list[Frame] = []
+    for path in list_images(folder, pattern):
+        number = re.search(r"\d+", path.name)
+        if number is None:
+            raise SequenceError(f"{path}: expected a number in the name of the image; rename or remove the file")
+        frames.append(Frame(len(frames), path, int(number.group()) / _RATE_HZ))
+    return tuple(frames)
+
+
+def _read_poses(frames: tuple[Frame, ...], paths: tuple[Path, ...]) -> Trajectory | None:
+    """Return the ground truth of one 4x4 matrix per file; missing files and infinite matrices (lost track) are gaps."""
+    gap = np.full((4, 4), np.nan)
+    matrices = [read_matrix(path, 4, 4) if path.is_file() else gap for path in paths]
+    return poses_from_matrices(frames, np.stack(matrices), paths[0].parent)
+
+
+SEVEN_SCENES = Layout(
+    name="7-scenes",
+    matches=lambda root: any(root.glob("frame-*.color.*")),
+    read=_read_seven_scenes,
+    help=(
+        "7-Scenes (https://www.microsoft.com/en-us/research/project/rgb-d-dataset-7-scenes): unpack a scene and one of "
+        "its sequences and give that folder, such as chess/seq-01, which holds frame-*.color.png and frame-*.pose.txt."
+    ),
+)
+
+SCANNET = Layout(
+    name="scannet",
+    matches=lambda root: (root / "color").is_dir() and ((root / "pose").is_dir() or (root / "intrinsic").is_dir()),
+    read=_read_scannet,
+    help=(
+        "ScanNet (http://www.scan-net.org): export a .sens file with SensReader (colour images, poses, intrinsics) and "
+        "give the export's folder, which holds color/, pose/ and intrinsic/."
+    ),
+)
