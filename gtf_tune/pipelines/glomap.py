@@ -12,6 +12,9 @@ from gtf_tune.pipelines.pycolmap_family import PycolmapPipeline, pycolmap_versio
 from gtf_tune.pipelines.pycolmap_options import OptionRoot
 from gtf_tune.pipelines.pycolmap_stages import VIEW_GRAPH, StagedRun
 
+# A seed switches this off. Without one GLOMAP orders by memory address: equal runs in one process then differ.
+_SWITCHED_OFF_BY_SEEDS = frozenset({"use_parameter_block_ordering"})
+
 
 class GlomapPipeline(PycolmapPipeline):
     """Run global mapping; where intrinsics are unknown, the view graph is calibrated first.
@@ -22,7 +25,12 @@ class GlomapPipeline(PycolmapPipeline):
 
     roots: ClassVar[Mapping[str, OptionRoot]] = {
         "view_graph": VIEW_GRAPH,
-        "mapping": OptionRoot("GlobalPipelineOptions", "mapping", {(): "pipeline", ("mapper",): "mapper"}),
+        "mapping": OptionRoot(
+            "GlobalPipelineOptions",
+            "mapping",
+            {(): "pipeline", ("mapper",): "mapper"},
+            pinned=_SWITCHED_OFF_BY_SEEDS,
+        ),
     }
 
     def own_stages(self, job: PipelineJob) -> tuple[str, ...]:
