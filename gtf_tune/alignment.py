@@ -79,6 +79,8 @@ class Alignments:
         (p,) matched frames.
     radii
         (p,) RMS distance of the matched target positions from their mean.
+    mean_squares
+        (p,) mean squared distance that is left. Summed over residuals, as the closed form (eq. 33) cancels below 1e-7.
     reasons
         p sentences why a pair cannot be aligned, empty where it can.
     """
@@ -88,7 +90,16 @@ class Alignments:
     translations: FloatArray
     counts: FloatArray
     radii: FloatArray
+    mean_squares: FloatArray
     reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Centred:
+    """Hold points as columns (p, 3, n) about their means (p, 3), 0 where they are not matched."""
+
+    means: FloatArray
+    columns: FloatArray
 
 
 def umeyama(source: FloatArray, target: FloatArray, kind: AlignmentKind = "sim3") -> Similarity:
@@ -134,12 +145,17 @@ def normalised(points: FloatArray) -> NormalPoints:
     size 0 they stand for.
     """
     origin = points[0] if len(points) else np.zeros(3)
-    relative = points - origin
-    spread = float(np.abs(relative).max(initial=0.0))
-    if spread <= _ROUNDING * float(np.abs(points).max(initial=0.0)):
+    relative = points.T - origin[:, np.newaxis]
+    spread = _largest(relative)
+    if spread <= _ROUNDING * _largest(points):
         return NormalPoints(np.zeros((3, len(points))), origin, 1.0)
     unit = float(np.ldexp(1.0, int(np.frexp(spread)[1])))
-    return NormalPoints(relative.T / unit, origin, unit)
+    relative /= unit
+    return NormalPoints(relative, origin, unit)
+
+
+def _largest(values: FloatArray) -> float:
+    return max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
 
 
 def align_all(target: FloatArray, source: FloatArray, weights: FloatArray, kind: AlignmentKind) -> Alignments:
@@ -148,48 +164,63 @@ def align_all(target: FloatArray, source: FloatArray, weights: FloatArray, kind:
     Parameters
     ----------
     target, source
-        Points as columns, (p, 3, n); sizes near 1 keep squares from over- and underflowing.
+        Points as columns, (p, 3, n), or (1, 3, n) where all pairs share them; sizes near 1 keep squares from over- and
+        underflowing.
     weights
         (p, n): 1 where both points of a column are known and 0 elsewhere; columns of weight 0 must be finite.
     kind
         As in `umeyama`.
     """
     counts = weights.sum(axis=1)
-    mean_target, mean_source = _means(target, weights, counts), _means(source, weights, counts)  # eq. 34, 35
-    centred_target = (target - mean_target[:, :, np.newaxis]) * weights[:, np.newaxis]
-    centred_source = (source - mean_source[:, :, np.newaxis]) * weights[:, np.newaxis]
-    spread_target = _products(centred_target, centred_target, counts)
-    spread_source = _products(centred_source, centred_source, counts)
-    variance_target = np.trace(spread_target, axis1=1, axis2=2)  # eq. 37
-    if kind == "none":
-        reasons = tuple(_too_few(int(count)) for count in counts)
-        scales, rotations, translations = _identities(len(counts))
-        return Alignments(scales, rotations, translations, counts, np.sqrt(variance_target), reasons)
-    left, stretch, right = np.linalg.svd(_products(centred_target, centred_source, counts))  # eq. 38
-    signs = np.ones_like(stretch)
-    signs[:, 2] = np.sign(np.linalg.det(left) * np.linalg.det(right))  # eq. 43
-    rotations = left @ (signs[:, :, np.newaxis] * right)  # eq. 40
-    scales = np.ones(len(counts))
-    if kind == "sim3":
-        variance_source = np.trace(spread_source, axis1=1, axis2=2)  # eq. 36
-        scales = _ratio((stretch * signs).sum(axis=1), variance_source)  # eq. 42
-    translations = mean_target - scales[:, np.newaxis] * np.einsum("pij,pj->pi", rotations, mean_source)  # eq. 41
-    reasons = _reasons(counts, spread_target, spread_source, stretch)
-    return Alignments(scales, rotations, translations, counts, np.sqrt(variance_target), reasons)
+    to, come = _centred(target, weights, counts), _centred(source, weights, counts)  # eq. 34, 35
+    spreads = _products(to, to, counts), _products(come, come, counts)
+    scales, rotations = np.ones(len(counts)), np.broadcast_to(np.eye(3), (len(counts), 3, 3))
+    reasons = tuple(_too_few(int(count)) for count in counts)
+    if kind != "none":
+        rotations, stretches = _rotations(_products(to, come, counts))
+        reasons = _reasons(counts, *spreads, stretches)
+        if kind == "sim3":
+            scales = _ratio(stretches.sum(axis=1), np.einsum("pcc->p", spreads[1]))  # eq. 42
+    maps = scales[:, np.newaxis, np.newaxis] * rotations
+    shifts = to.means - (maps @ come.means[:, :, np.newaxis])[:, :, 0]  # eq. 41
+    translations = np.zeros_like(shifts) if kind == "none" else shifts
+    residuals = maps @ come.columns
+    np.subtract(to.columns, residuals, out=residuals)
+    # The residuals of centred points sum to 0, so the squares of what the means are apart simply add.
+    mean_squares = _mean_squares(residuals, counts) + ((shifts - translations) ** 2).sum(axis=1)
+    radii = np.sqrt(np.einsum("pcc->p", spreads[0]))
+    return Alignments(scales, rotations, translations, counts, radii, mean_squares, reasons)
 
 
-def _means(points: FloatArray, weights: FloatArray, counts: FloatArray) -> FloatArray:
-    sums: FloatArray = np.einsum("pcn,pn->pc", points, weights)
-    return sums / np.maximum(counts, 1)[:, np.newaxis]
+def _centred(points: FloatArray, weights: FloatArray, counts: FloatArray) -> _Centred:
+    complete = bool((counts == weights.shape[1]).all())
+    if complete:
+        weights, counts = weights[: len(points)], counts[: len(points)]
+    means = (points @ weights[:, :, np.newaxis])[:, :, 0] / np.maximum(counts, 1)[:, np.newaxis]
+    columns = points - means[:, :, np.newaxis]
+    if not complete:
+        columns *= weights[:, np.newaxis]
+    return _Centred(means, columns)
 
 
-def _products(left: FloatArray, right: FloatArray, counts: FloatArray) -> FloatArray:
-    products: FloatArray = left @ right.transpose(0, 2, 1)
+def _rotations(covariances: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the proper rotations (p, 3, 3) that fit best, and the singular values (p, 3), the last with its sign."""
+    left, stretches, right = np.linalg.svd(covariances)
+    stretches[:, 2] *= (mirrored := np.sign(np.linalg.det(left) * np.linalg.det(right)))  # eq. 43
+    right[:, 2] *= mirrored[:, np.newaxis]
+    return left @ right, stretches  # eq. 40
+
+
+def _mean_squares(residuals: FloatArray, counts: FloatArray) -> FloatArray:
+    squares: FloatArray = np.einsum("pcn,pcn->p", residuals, residuals)
+    return squares / np.maximum(counts, 1)
+
+
+def _products(left: _Centred, right: _Centred, counts: FloatArray) -> FloatArray:
+    """Return the covariances (p, 3, 3) of matched columns, eq. 36 to 38."""
+    # Not matmul: BLAS takes twice as long for the product of three rows with themselves.
+    products: FloatArray = np.einsum("pin,pjn->pij", left.columns, right.columns)
     return products / np.maximum(counts, 1)[:, np.newaxis, np.newaxis]
-
-
-def _identities(count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    return np.ones(count), np.broadcast_to(np.eye(3), (count, 3, 3)).copy(), np.zeros((count, 3))
 
 
 def _ratio(numerator: FloatArray, denominator: FloatArray) -> FloatArray:

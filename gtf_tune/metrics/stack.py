@@ -36,42 +36,34 @@ class TrajectoryStack:
 
 @dataclass(frozen=True, eq=False)
 class PairBlock:
-    """Hold p matched and aligned pairs of trajectories.
+    """Hold one trajectory, the target, matched and aligned with each of p others, the sources.
 
     Attributes
     ----------
-    pairs
-        Indices (p,) of the targets and (p,) of the sources.
-    target, source, weights
-        What was aligned: points as columns (p, 3, f), and (p, f).
     alignments
         The maps from source to target columns.
-    units
-        (p,): lengths of target columns times this are lengths of the target trajectories.
+    unit
+        Lengths of target columns times this are lengths of the target.
     scales
         (p,): the same maps' scales between the trajectories themselves.
     reasons
         p sentences why a pair cannot be measured, empty where it can.
     """
 
-    pairs: tuple[IntArray, IntArray]
-    target: FloatArray
-    source: FloatArray
-    weights: FloatArray
     alignments: Alignments
-    units: FloatArray
+    unit: float
     scales: FloatArray
     reasons: tuple[str, ...]
 
     @property
-    def residuals(self) -> FloatArray:
-        """Return target minus aligned source, (p, 3, f), 0 at frames that are not matched."""
-        found = self.alignments
-        moved = (found.scales[:, np.newaxis, np.newaxis] * found.rotations) @ self.source
-        moved += found.translations[:, :, np.newaxis]
-        np.subtract(self.target, moved, out=moved)
-        moved *= self.weights[:, np.newaxis]
-        return moved
+    def rmse(self) -> FloatArray:
+        """Return the RMSE of positions after alignment, (p,), in the unit of the target."""
+        return self.unit * np.sqrt(self.alignments.mean_squares)
+
+    @property
+    def extents(self) -> FloatArray:
+        """Return the RMS distance of the matched target positions from their mean, (p,), in the unit of the target."""
+        return self.unit * self.alignments.radii
 
 
 def stack(trajectories: Sequence[Trajectory], frame_ids: IntArray) -> TrajectoryStack:
@@ -80,37 +72,37 @@ def stack(trajectories: Sequence[Trajectory], frame_ids: IntArray) -> Trajectory
     points, known = np.zeros((shape[0], 3, shape[1])), np.zeros(shape)
     origins, units = np.zeros((shape[0], 3)), np.ones(shape[0])
     for row, trajectory in enumerate(trajectories):
-        columns = np.searchsorted(frame_ids, trajectory.frame_ids)
+        columns = _columns(trajectory, frame_ids)
         normal = normalised(trajectory.positions)
         points[row][:, columns], known[row, columns] = normal.points, 1.0
         origins[row], units[row] = normal.origin, normal.unit
     return TrajectoryStack(points, known, origins, units)
 
 
+def _columns(trajectory: Trajectory, frame_ids: IntArray) -> slice | IntArray:
+    if len(trajectory) == len(frame_ids):
+        return slice(None)
+    return np.searchsorted(frame_ids, trajectory.frame_ids).astype(np.int64)
+
+
 def common_frames(*groups: Sequence[Trajectory]) -> IntArray:
     """Return the sorted frame ids that any of the trajectories has."""
     ids = [trajectory.frame_ids for group in groups for trajectory in group]
-    return np.unique(np.concatenate(ids)) if ids else np.empty(0, np.int64)
+    if all(np.array_equal(one, ids[0]) for one in ids):
+        return ids[0] if ids else np.empty(0, np.int64)
+    return np.unique(np.concatenate(ids))
 
 
-def align_block(
-    a: TrajectoryStack, b: TrajectoryStack, pairs: tuple[IntArray, IntArray], kind: AlignmentKind
-) -> PairBlock:
-    """Return trajectories ``b[pairs[1]]`` aligned to ``a[pairs[0]]``."""
-    first, second = pairs
-    target, source = a.points[first], b.points[second]
-    weights = a.known[first] * b.known[second]
-    ratios = np.ones(len(first))
-    shifts = np.zeros((len(first), 3))
+def align_block(a: TrajectoryStack, row: int, b: TrajectoryStack, rows: slice, kind: AlignmentKind) -> PairBlock:
+    """Return trajectories ``rows`` of b aligned to trajectory ``row`` of a."""
+    source, apart = b.points[rows], np.zeros(len(b.units[rows]), dtype=bool)
     if kind != "sim3":
-        ratios = b.units[second] / a.units[first]
-    if kind == "none":
-        shifts = (b.origins[second] - a.origins[first]) / a.units[first, np.newaxis]
-    apart = np.maximum(ratios, np.abs(shifts).max(axis=1, initial=0.0)) > _COMPARABLE
-    ratios[apart], shifts[apart] = 1.0, 0.0
-    source *= ratios[:, np.newaxis, np.newaxis]
-    source += shifts[:, :, np.newaxis]
-    found = align_all(target, source, weights, kind)
+        ratios = b.units[rows] / a.units[row]
+        shifts = (b.origins[rows] - a.origins[row]) / a.units[row] if kind == "none" else np.zeros((len(ratios), 3))
+        apart = np.maximum(ratios, np.abs(shifts).max(axis=1, initial=0.0)) > _COMPARABLE
+        ratios[apart], shifts[apart] = 1.0, 0.0
+        source = source * ratios[:, np.newaxis, np.newaxis] + shifts[:, :, np.newaxis]
+    found = align_all(a.points[row : row + 1], source, a.known[row] * b.known[rows], kind)
     reasons = tuple(_INCOMPARABLE if far else reason for far, reason in zip(apart, found.reasons, strict=True))
-    scales = found.scales * (a.units[first] / b.units[second] if kind == "sim3" else 1.0)
-    return PairBlock(pairs, target, source, weights, found, a.units[first], scales, reasons)
+    scales = found.scales * (a.units[row] / b.units[rows] if kind == "sim3" else 1.0)
+    return PairBlock(found, float(a.units[row]), scales, reasons)

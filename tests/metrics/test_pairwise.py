@@ -53,6 +53,16 @@ def test_many_blocks_give_the_same_as_one_by_one(monkeypatch):
     np.testing.assert_allclose(pairwise_matrix(runs, runs).errors, whole, rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.parametrize("alignment", ["sim3", "se3", "none"])
+def test_more_runs_do_not_change_a_bit_of_the_others(alignment):
+    runs = family(4)
+    more = [*runs[2:], Trajectory.empty(), runs[0].select(np.arange(10)), *family(5)]
+
+    few, many = (pairwise_matrix(runs[:2], some, AteSettings(alignment)).errors for some in (runs[2:], more))
+
+    np.testing.assert_array_equal(many[:, :3], few)
+
+
 @given(SEEDS, st.floats(-8, 8))
 def test_ate_ignores_similarity_transforms(seed, exponent):
     rng = np.random.default_rng(seed)
