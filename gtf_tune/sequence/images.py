@@ -65,6 +65,11 @@ def image_size(path: Path) -> tuple[int, int]:
     return size[0], size[1]
 
 
+def sharpness(grey: GreyImage) -> float:
+    """Return the variance of the Laplacian, which falls with blur; comparable between images of one scene only."""
+    return float(cv2.Laplacian(grey, cv2.CV_32F).var())
+
+
 def _read_bytes(path: Path) -> bytes:
     try:
         data = path.read_bytes()

@@ -8,7 +8,7 @@ import numpy as np
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.images import image_size
-from gtf_tune.sequence.layouts.base import Recording
+from gtf_tune.sequence.layouts.base import Layout, Recording
 from gtf_tune.sequence.layouts.registry import AUTO, find_layout
 from gtf_tune.sequence.selection import Selection
 from gtf_tune.sequence.value import Frame, Sequence
@@ -51,7 +51,7 @@ def load_sequence(
     if not root.exists():
         raise SequenceError(f"{root}: there is no such file or folder; check the path")
     found = find_layout(root, layout)
-    recording = found.read(root)
+    recording = _read(found, root)
     frames = _select(recording, selection, root)
     stored = _common_size(frames)
     width, height = selection.image_size(*stored)
@@ -69,6 +69,14 @@ def load_sequence(
         has_timestamps=recording.has_timestamps,
         notes=recording.notes,
     )
+
+
+def _read(layout: Layout, root: Path) -> Recording:
+    try:
+        return layout.read(root)
+    except OSError as error:
+        reason = f"{error.filename or root}: cannot be read as layout '{layout.name}' ({error.strerror})"
+        raise SequenceError(f"{reason}; check the path and its permissions") from error
 
 
 def _select(recording: Recording, selection: Selection, root: Path) -> tuple[Frame, ...]:

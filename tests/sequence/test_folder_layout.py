@@ -108,6 +108,14 @@ def test_a_rate_needs_timestamps(tmp_path, write_images):
         load_sequence(tmp_path, selection=Selection(rate_hz=3.0))
 
 
+def test_a_file_in_the_place_of_a_folder_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+
+    for name in layout_names():
+        with pytest.raises(SequenceError):
+            load_sequence(tmp_path / "file", layout=name)
+
+
 def test_an_unknown_layout_is_refused_with_the_nearest_name(tmp_path):
     with pytest.raises(SequenceError, match="unknown layout 'tumrgbd'; did you mean 'tum-rgbd'"):
         load_sequence(tmp_path, layout="tumrgbd")

@@ -19,14 +19,15 @@ _NUMBERS = 26
 
 def _folders(root: Path) -> tuple[Path, Path]:
     """Return the folders of the images and of the camera files, which may be one."""
-    subfolders = sorted(path for path in root.iterdir() if path.is_dir()) if root.is_dir() else []
-    candidates = [root, *subfolders]
+    candidates = [root, *sorted(path for path in root.iterdir() if path.is_dir())]
     cameras = next((folder for folder in candidates if any(folder.glob(f"*{_SUFFIX}"))), root)
     images = next((folder for folder in candidates if any(is_image(path) for path in folder.iterdir())), root)
     return images, cameras
 
 
 def _matches(root: Path) -> bool:
+    if not root.is_dir():
+        return False
     images, cameras = _folders(root)
     return any(cameras.glob(f"*{_SUFFIX}")) and any(is_image(path) for path in images.iterdir())
 

@@ -1,0 +1,218 @@
+"""Say what a sequence holds, and warn of what will hurt a reconstruction."""
+
+import math
+from collections.abc import Callable, Iterable
+from collections.abc import Sequence as Items
+from dataclasses import dataclass
+
+import numpy as np
+
+from gtf_tune.sequence.camera import Camera
+from gtf_tune.sequence.content import FrameContent, PairContent, frame_content, pair_content
+from gtf_tune.sequence.value import Sequence
+
+_CHECKED_FRAMES = 60
+_NAMED_FRAMES = 5
+
+_FEWEST_FRAMES = 4
+_FEWEST_CORNERS = 150
+_FEWEST_MATCHES = 40
+_BLUR_SHARE = 0.3
+_DARK, _BRIGHT = 25.0, 230.0
+_STILL_PX = 0.5
+_GAP_FACTOR = 3.0
+_LINE_TOLERANCE = 1e-3
+_FOV_DEG = (20.0, 120.0)
+_OFF_CENTRE = 0.15
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Hold a break in the recording: the frames before and after it, and the seconds between them."""
+
+    before: int
+    after: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class SequenceReport:
+    """Hold what `inspect_sequence` found.
+
+    ``rate_hz`` and ``duration_s`` are 0 where there are no timestamps. ``field_of_view_deg`` is horizontal, 0 where
+    intrinsics are unknown. ``ground_truth_extent`` is the RMS distance of the true positions from their mean, in the
+    data set's unit. ``checked_frames`` images were looked at, evenly spread; ``warnings`` are full sentences.
+    """
+
+    name: str
+    root: str
+    layout: str
+    frames: int
+    width: int
+    height: int
+    stored_width: int
+    stored_height: int
+    rate_hz: float
+    duration_s: float
+    gaps: tuple[Gap, ...]
+    camera: Camera | None
+    field_of_view_deg: float
+    ground_truth_frames: int
+    ground_truth_extent: float
+    checked_frames: int
+    median_corners: float
+    median_shift_px: float
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def inspect_sequence(sequence: Sequence) -> SequenceReport:
+    """Return a report on a sequence; decodes up to 60 images and their successors.
+
+    Raises
+    ------
+    SequenceError
+        An image cannot be read.
+    """
+    frames, pairs = _look(sequence)
+    rate, gaps = _timing(sequence)
+    stamps = [frame.timestamp for frame in sequence.frames]
+    shifts = [pair.shift_px for pair in pairs if math.isfinite(pair.shift_px)]
+    truth = sequence.ground_truth
+    return SequenceReport(
+        name=sequence.name,
+        root=str(sequence.root),
+        layout=sequence.layout,
+        frames=len(sequence),
+        width=sequence.width,
+        height=sequence.height,
+        stored_width=sequence.stored_size[0],
+        stored_height=sequence.stored_size[1],
+        rate_hz=rate,
+        duration_s=stamps[-1] - stamps[0] if sequence.has_timestamps else 0.0,
+        gaps=gaps,
+        camera=sequence.camera,
+        field_of_view_deg=_field_of_view_deg(sequence.camera),
+        ground_truth_frames=len(truth) if truth else 0,
+        ground_truth_extent=float(np.sqrt(truth.positions.var(axis=0).sum())) if truth else 0.0,
+        checked_frames=len(frames),
+        median_corners=float(np.median([frame.corners for frame in frames])),
+        median_shift_px=float(np.median(shifts)) if shifts else 0.0,
+        notes=sequence.notes,
+        warnings=(*_warn_of_frames(frames), *_warn_of_pairs(pairs), *_warn_of_facts(sequence, gaps)),
+    )
+
+
+def _look(sequence: Sequence) -> tuple[list[FrameContent], list[PairContent]]:
+    """Measure images evenly spread over the sequence, and each with its successor."""
+    count = min(len(sequence), _CHECKED_FRAMES)
+    chosen = np.unique(np.linspace(0, len(sequence) - 1, count).astype(int))
+    frames, pairs = [], []
+    for position in chosen:
+        frame = sequence.frames[position]
+        grey = sequence.read_grey(frame)
+        frames.append(frame_content(frame.frame_id, grey))
+        if position + 1 < len(sequence):
+            after = sequence.frames[position + 1]
+            ids = (frame.frame_id, after.frame_id)
+            pairs.append(pair_content(ids, grey, sequence.read_grey(after), sequence.camera))
+    return frames, pairs
+
+
+def _timing(sequence: Sequence) -> tuple[float, tuple[Gap, ...]]:
+    """Return the median rate in Hz, and the breaks of more than three median periods."""
+    if not sequence.has_timestamps or len(sequence) < 2:
+        return 0.0, ()
+    steps = np.diff([frame.timestamp for frame in sequence.frames])
+    period = float(np.median(steps))
+    late = np.flatnonzero(steps > _GAP_FACTOR * period)
+    ids = [frame.frame_id for frame in sequence.frames]
+    return 1 / period, tuple(Gap(ids[index], ids[index + 1], float(steps[index])) for index in late)
+
+
+def _field_of_view_deg(camera: Camera | None) -> float:
+    """Return the horizontal field of view without distortion, 0 where there is no focal length."""
+    values = dict(zip(camera.param_names, camera.params, strict=True)) if camera else {}
+    focal = values.get("fx", values.get("f", 0.0))
+    return math.degrees(2 * math.atan(camera.width / (2 * focal))) if camera and focal else 0.0
+
+
+def _warn_of_frames(frames: Items[FrameContent]) -> Iterable[str]:
+    typical = float(np.median([frame.sharpness for frame in frames]))
+    checks: tuple[tuple[str, Callable[[FrameContent], bool]], ...] = (
+        (
+            "much less sharp than the others: blurred images lose features and shift those that remain",
+            lambda frame: frame.sharpness < _BLUR_SHARE * typical,
+        ),
+        (
+            f"poor in texture, with fewer than {_FEWEST_CORNERS} corners: they may stay unregistered",
+            lambda frame: frame.corners < _FEWEST_CORNERS,
+        ),
+        (
+            "very dark: noise will hide their texture (16-bit images with 12-bit values look so)",
+            lambda frame: frame.mean_grey < _DARK,
+        ),
+        ("very bright: overexposed parts hold no features", lambda frame: frame.mean_grey > _BRIGHT),
+    )
+    for words, hurts in checks:
+        yield from _sentence([frame.frame_id for frame in frames if hurts(frame)], len(frames), f"images are {words}")
+
+
+def _warn_of_pairs(pairs: Items[PairContent]) -> Iterable[str]:
+    checks: tuple[tuple[str, Callable[[PairContent], bool]], ...] = (
+        ("images equal the next one exactly: duplicates add time but no information", lambda pair: pair.identical),
+        (
+            f"images share fewer than {_FEWEST_MATCHES} features with the next one: the reconstruction may break there",
+            lambda pair: not pair.identical and pair.matches < _FEWEST_MATCHES,
+        ),
+        (
+            "images hardly differ from the next one: the camera stood still, thin them out by stride or rate_hz",
+            lambda pair: not pair.identical and pair.shift_px < _STILL_PX,
+        ),
+        (
+            "images differ from the next one by a turn of the camera only: positions are weakly determined there",
+            lambda pair: pair.rotation_only and pair.shift_px >= _STILL_PX,
+        ),
+    )
+    for words, hurts in checks:
+        yield from _sentence([pair.first for pair in pairs if hurts(pair)], len(pairs), words)
+
+
+def _sentence(frame_ids: list[int], checked: int, words: str) -> Iterable[str]:
+    if frame_ids:
+        named = ", ".join(str(frame_id) for frame_id in frame_ids[:_NAMED_FRAMES])
+        more = ", ..." if len(frame_ids) > _NAMED_FRAMES else ""
+        yield f"{len(frame_ids)} of {checked} checked {words} (frames {named}{more})"
+
+
+def _warn_of_facts(sequence: Sequence, gaps: tuple[Gap, ...]) -> Iterable[str]:
+    if len(sequence) < _FEWEST_FRAMES:
+        yield f"{len(sequence)} images are too few: trajectories are compared over at least {_FEWEST_FRAMES}"
+    if gaps:
+        yield f"the recording has {len(gaps)} gaps; sequential matching may not bridge them"
+    yield from _warn_of_camera(sequence.camera)
+    yield from _warn_of_ground_truth(sequence)
+
+
+def _warn_of_camera(camera: Camera | None) -> Iterable[str]:
+    if camera is None:
+        yield "intrinsics are unknown: the pipeline has to find them, which costs precision"
+        return
+    angle = _field_of_view_deg(camera)
+    if angle and "FISHEYE" not in camera.model and not _FOV_DEG[0] <= angle <= _FOV_DEG[1]:
+        yield f"a field of view of {angle:.0f} degrees is unusual: check whether the intrinsics belong to these images"
+    values = dict(zip(camera.param_names, camera.params, strict=True))
+    sides = {"cx": camera.width, "cy": camera.height}
+    if any(abs(values.get(name, side / 2) / side - 0.5) > _OFF_CENTRE for name, side in sides.items()):
+        yield "the principal point is far from the centre: check whether the intrinsics belong to these images"
+
+
+def _warn_of_ground_truth(sequence: Sequence) -> Iterable[str]:
+    truth = sequence.ground_truth
+    if truth is None:
+        return
+    if len(truth) < len(sequence):
+        yield f"ground truth covers {len(truth)} of {len(sequence)} images"
+    spread = np.linalg.svd(truth.positions - truth.positions.mean(axis=0), compute_uv=False)
+    if len(truth) < _FEWEST_FRAMES or spread[0] == 0 or spread[1] < _LINE_TOLERANCE * spread[0]:
+        yield "true positions are too few or lie on a line: trajectories cannot be aligned to them with certainty"
