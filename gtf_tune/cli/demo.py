@@ -7,6 +7,7 @@ import typer
 
 from gtf_tune.cli.console import number, percent, permille, say, write_line, write_table
 from gtf_tune.cli.parameters import CacheDir, Jobs
+from gtf_tune.cli.storage_access import hush_optuna
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
@@ -33,6 +34,7 @@ def demo(
     from gtf_tune.store.database import create_database
     from gtf_tune.study.create import checked_definition, create_study, open_study
 
+    hush_optuna()
     folder.mkdir(parents=True, exist_ok=True)
     room = folder / "room"
     if not (room / "groundtruth.txt").exists():

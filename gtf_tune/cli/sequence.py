@@ -1,5 +1,118 @@
-"""Check data sets, and render one."""
+"""Check data sets, take frames out of videos, render a scene."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gtf_tune.cli.console import duration, number, say, write_json, write_line, write_pairs
+from gtf_tune.cli.parameters import Json
+
+if TYPE_CHECKING:
+    from gtf_tune.sequence import SequenceReport
+
 app = typer.Typer(help="Check data sets, take frames from videos, render a scene.", no_args_is_help=True)
+
+
+class Choice(StrEnum):
+    """Name the ways to choose a frame of each period."""
+
+    sharpest = "sharpest"
+    regular = "regular"
+
+
+@app.command("inspect")
+def inspect(
+    path: Annotated[Path, typer.Argument(help="Folder of images, or a data set.")],
+    layout: Annotated[str, typer.Option("--layout", help="Force a layout; see 'sequence layouts'.")] = "auto",
+    json: Json = False,
+) -> None:
+    """Print what a data set holds, and warn of what will hurt.
+
+    Example: gtf-tune sequence inspect images/
+    """
+    from gtf_tune.sequence import inspect_sequence, load_sequence
+
+    report = inspect_sequence(load_sequence(path, layout=layout))
+    if json:
+        camera = vars(report.camera) if report.camera else None
+        write_json({**vars(report), "camera": camera, "gaps": [vars(gap) for gap in report.gaps]})
+        return
+    write_pairs(_described(report))
+    for note in report.notes:
+        write_line(f"note: {note}")
+    for warning in report.warnings:
+        write_line(f"warning: {warning}")
+    say(f"Next: gtf-tune study create {report.name} --sequence {path} --range NAME=LOW:HIGH:log")
+
+
+@app.command("layouts")
+def layouts() -> None:
+    """Say which data sets are understood, what to download and where to put it.
+
+    Example: gtf-tune sequence layouts
+    """
+    from gtf_tune.sequence import layout_help
+
+    for name, text in layout_help().items():
+        write_line(f"{name}\n    {' '.join(text.split())}")
+
+
+@app.command("extract")
+def extract(
+    video: Annotated[Path, typer.Argument(help="Video file.")],
+    folder: Annotated[Path, typer.Argument(help="New folder for the frames.")],
+    rate_hz: Annotated[float, typer.Option("--rate-hz", help="Frames to take a second.")] = 5.0,
+    choice: Annotated[Choice, typer.Option("--choice", help="Which frame of each period.")] = Choice.sharpest,
+    max_frames: Annotated[int, typer.Option("--max-frames", help="Stop after so many (0: no limit).")] = 0,
+) -> None:
+    """Take frames out of a video, the sharpest of each period unless told otherwise.
+
+    Example: gtf-tune sequence extract walk.mp4 images/ --rate-hz 3
+    """
+    from gtf_tune.sequence import Extraction, extract_video
+
+    extract_video(video, folder, Extraction(rate_hz=rate_hz, choice=choice.value, max_frames=max_frames))
+    say(f"wrote frames to {folder}")
+    say(f"Next: gtf-tune sequence inspect {folder}")
+
+
+@app.command("render")
+def render(
+    folder: Annotated[Path, typer.Argument(help="New folder for the sequence.")],
+    frames: Annotated[int, typer.Option("--frames", help="Number of frames.")] = 24,
+    seed: Annotated[int, typer.Option("--seed", help="Another seed gives another room and path.")] = 0,
+) -> None:
+    """Render a textured room with exact ground truth.
+
+    Example: gtf-tune sequence render storage/data/room
+    """
+    from gtf_tune.sequence import RoomSpec, render_room
+
+    render_room(folder, RoomSpec(num_frames=frames, seed=seed))
+    say(f"rendered {frames} frames into {folder}")
+    say(f"Next: gtf-tune sequence inspect {folder}")
+
+
+def _described(report: "SequenceReport") -> dict[str, str]:
+    size = f"{report.width}x{report.height} pixels"
+    if (report.stored_width, report.stored_height) != (report.width, report.height):
+        size += f", resized from {report.stored_width}x{report.stored_height}"
+    timing = f", {report.rate_hz:.3g} Hz over {duration(report.duration_s)}" if report.rate_hz else ", no timestamps"
+    camera = "unknown; the pipeline will estimate them"
+    if report.camera is not None:
+        params = " ".join(number(value) for value in report.camera.params)
+        camera = f"{report.camera.model} {params} (field of view {report.field_of_view_deg:.0f} degrees)"
+    truth = "none"
+    if report.ground_truth_frames:
+        truth = f"{report.ground_truth_frames} of {report.frames} frames, extent {number(report.ground_truth_extent)}"
+    return {
+        "sequence": f"{report.name} ({report.layout})",
+        "frames": f"{report.frames}{timing}",
+        "images": size,
+        "intrinsics": camera,
+        "ground truth": truth,
+        "texture": f"{report.median_corners:.0f} corners in the median of {report.checked_frames} frames",
+        "motion": f"{report.median_shift_px:.1f} pixels from frame to frame (median)",
+    }

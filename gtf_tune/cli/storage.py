@@ -1,5 +1,71 @@
 """Check, upgrade and copy storages."""
 
+from typing import Annotated
+
 import typer
 
+from gtf_tune.cli.console import say, write_json, write_line, write_pairs
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
+from gtf_tune.cli.storage_access import create_storage, open_storage
+
 app = typer.Typer(help="Check, upgrade and copy storages.", no_args_is_help=True)
+
+
+@app.command("check")
+def check(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
+    """Check tables, orphans and the digest of every trajectory; exit with 1 if something is wrong.
+
+    Example: gtf-tune storage check
+    """
+    from gtf_tune.store.check import check as check_database
+
+    report = check_database(open_storage(storage))
+    if json:
+        write_json(vars(report))
+    else:
+        counts = {name: str(getattr(report, name)) for name in ("studies", "trials", "runs")}
+        write_pairs({"revision": f"{report.revision} (Optuna {report.optuna_revision})", **counts})
+        for line in (*(f"problem: {one}" for one in report.problems), *(f"note: {one}" for one in report.notes)):
+            write_line(line)
+    if report.problems:
+        raise typer.Exit(1)
+    say("the storage is sound")
+
+
+@app.command("upgrade")
+def upgrade(storage: Storage = DEFAULT_STORAGE) -> None:
+    """Bring the tables of an older storage to this version; make a backup first.
+
+    Example: gtf-tune storage upgrade --storage old.db
+    """
+    from gtf_tune.store.database import upgrade_database
+
+    database = upgrade_database(storage)
+    say(f"{database.shown_url} has the tables of this version")
+
+
+@app.command("copy")
+def copy(
+    source: Annotated[str, typer.Argument(metavar="FROM", help="Storage to copy from.")],
+    target: Annotated[str, typer.Argument(metavar="TO", help="Storage to copy to; made if need be.")],
+    study: Annotated[str, typer.Option("--study", help="Name of the study.")],
+) -> None:
+    """Copy a study with all trials, runs, trajectories and notes, and verify the copy by its digest.
+
+    Example: gtf-tune storage copy gtf-tune.db postgresql+psycopg://host/tuning --study photos
+    """
+    from gtf_tune.store.copy import copy_study
+
+    digest = copy_study(open_storage(source), create_storage(target), study)
+    say(f"copied study '{study}'; both have the digest {digest}")
+
+
+@app.command("digest")
+def digest(name: StudyName, storage: Storage = DEFAULT_STORAGE) -> None:
+    """Print the digest of what a study found: equal digests mean equal trials, scores and trajectories.
+
+    Example: gtf-tune storage digest photos
+    """
+    from gtf_tune.store.digest import study_digest
+
+    write_line(study_digest(open_storage(storage), name))

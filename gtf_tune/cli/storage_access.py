@@ -1,4 +1,4 @@
-"""Open the storage that a command works on, and say which one it is."""
+"""Open the storage that a command works on, say which one it is, and keep Optuna's own notes off the terminal."""
 
 from typing import TYPE_CHECKING
 
@@ -24,3 +24,10 @@ def create_storage(storage: str) -> "Database":
     database = create_database(storage)
     say(f"storage: {database.shown_url}")
     return database
+
+
+def hush_optuna() -> None:
+    """Let Optuna speak of warnings only; gtf-tune says the rest in its own words."""
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)

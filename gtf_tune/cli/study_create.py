@@ -8,7 +8,7 @@ import typer
 
 from gtf_tune.cli.console import say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage
-from gtf_tune.cli.storage_access import create_storage
+from gtf_tune.cli.storage_access import create_storage, hush_optuna
 from gtf_tune.cli.values import parse_pair, parse_value
 from gtf_tune.errors import DefinitionError
 
@@ -52,6 +52,7 @@ def create(
     """
     from gtf_tune.study.create import checked_definition, create_study
 
+    hush_optuna()
     data, root = _base(source)
     if name:
         data["name"] = name

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 All = Annotated[bool, typer.Option("--all", help="Every trial, not only the best twenty and nominal.")]
 _SHOWN_TRIALS = 20
+_OPTION_COLUMNS = 2
 
 
 def list_studies(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
@@ -147,17 +148,39 @@ def _write_heading(definition_json: str, state: str, known: list["Trial"]) -> No
 
 
 def _write_trials(chosen: list["Trial"], gt_ates: Mapping[int, float | None]) -> None:
-    columns = [">trial", ">GTF ATE [‰]", ">± se", ">coverage", "options"]
-    if gt_ates:
-        columns.insert(3, ">true ATE")
+    names = list(next((trial.options for trial in chosen if trial.options), {}))
+    columns = [">trial", ">GTF ATE [‰]", ">± se", *([">true ATE"] if gt_ates else []), ">coverage"]
+    columns += [f">{name}" for name in _short_names(names)] if len(names) <= _OPTION_COLUMNS else ["options"]
     rows = []
     for trial in chosen:
-        score = permille(trial.value) if trial.feasible else trial.state if trial.value is None else "infeasible"
-        row = [str(trial.ordinal), score, permille(trial.standard_error), _share(trial.coverage), _options(trial)]
-        if gt_ates:
-            row.insert(3, number(gt_ates.get(trial.ordinal)))
+        row = [_ordinal(trial), _score(trial), permille(trial.standard_error)]
+        row += [number(gt_ates.get(trial.ordinal))] if gt_ates else []
+        row.append(_share(trial.coverage))
+        values = [_value((trial.options or {}).get(name)) for name in names]
+        pairs = zip(_short_names(names), values, strict=True)
+        row += values if len(names) <= _OPTION_COLUMNS else [", ".join(f"{name}={value}" for name, value in pairs)]
         rows.append(row)
     write_table(columns, rows)
+
+
+def _short_names(names: list[str]) -> list[str]:
+    """Return the last part of each dotted path, or the whole path where that says too little."""
+    last = [name.rsplit(".", 1)[-1] for name in names]
+    return [short if last.count(short) == 1 else name for short, name in zip(last, names, strict=True)]
+
+
+def _ordinal(trial: "Trial") -> str:
+    return "nominal" if trial.ordinal == 0 else str(trial.ordinal)
+
+
+def _score(trial: "Trial") -> str:
+    if trial.value is None:
+        return trial.state
+    return permille(trial.value) if trial.feasible else "infeasible"
+
+
+def _value(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _write_pick(found: "Pick", definition: Mapping[str, Any]) -> None:
@@ -187,15 +210,6 @@ def _pick_as_json(found: "Pick") -> dict[str, Any]:
         "improvement": vars(found.improvement) if found.improvement else None,
         "verdict": "unconfirmed",
     }
-
-
-def _options(trial: "Trial") -> str:
-    pairs = (trial.options or {}).items()
-    text = ", ".join(
-        f"{name.rsplit('.', 1)[-1]}={value:.4g}" if isinstance(value, float) else f"{name}={value}"
-        for name, value in pairs
-    )
-    return f"{text} (nominal)" if trial.ordinal == 0 else text
 
 
 def _share(coverage: float | None) -> str:

@@ -8,7 +8,7 @@ import typer
 from gtf_tune.cli.console import say
 from gtf_tune.cli.executors import cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.storage_access import hush_optuna, open_storage
 from gtf_tune.cli.values import parse_pair
 
 if TYPE_CHECKING:
@@ -105,6 +105,7 @@ def work_on(
 def _open(database: "Database", name: str, places: list[str] | None, allow_mismatch: bool) -> "OpenStudy":
     from gtf_tune.study.create import open_study
 
+    hush_optuna()
     folders = {one: Path(path) for one, path in (parse_pair(text, "--sequence") for text in places or [])}
     return open_study(database, name, folders, allow_version_mismatch=allow_mismatch)
 
