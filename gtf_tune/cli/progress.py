@@ -97,7 +97,7 @@ class StudyProgress:
     def _remember(self, end: "TrialEnd") -> None:
         if end.ordinal == 0:
             self._nominal = end.score.value
-        if end.score.feasible and (self._best is None or end.score.value < self._best):
+        if end.score.feasible and not end.stopped and (self._best is None or end.score.value < self._best):
             self._best = end.score.value
 
     def _line(self, end: "TrialEnd") -> str:
@@ -105,6 +105,8 @@ class StudyProgress:
         options = ", ".join(f"{option}={_short(value)}" for option, value in end.options.items())
         if not end.score.feasible:
             return f"{name} ({options}): infeasible, {end.score.message}"
+        if end.stopped:
+            return f"{name} ({options}): stopped early, {end.stopped}"
         gain = f" ({percent(end.score.value / self._nominal - 1)})" if self._nominal and end.ordinal else ""
         return f"{name} ({options}): {permille(end.score.value)} per mille{gain}"
 

@@ -71,10 +71,15 @@ def get(database: Database, study_id: int, ordinal: int) -> Trial:
     return found[0]
 
 
-def best(database: Database, study_id: int) -> Trial | None:
-    """Return the feasible complete trial of the smallest value, the first of equals, or None before there is one."""
+def best(database: Database, study_id: int, before: int | None = None) -> Trial | None:
+    """Return the feasible complete trial of the smallest value, the first of equals, or None before there is one.
+
+    ``before`` leaves out the trials from that ordinal on.
+    """
     trial = models.Trial
     query = _of(study_id).where(trial.state == "complete", trial.feasible.is_(True), trial.value.is_not(None))
+    if before is not None:
+        query = query.where(trial.ordinal < before)
     found = _read(database, query.order_by(trial.value, trial.ordinal).limit(1))
     return found[0] if found else None
 

@@ -12,12 +12,13 @@ from gtf_tune.study.objective import TrialScore
 
 @dataclass(frozen=True)
 class TrialEnd:
-    """Hold the end of a trial: its slot, options and score."""
+    """Hold the end of a trial: its slot, options and score, and why it was stopped early where it was."""
 
     ordinal: int
     options: Mapping[str, OptionValue]
     score: TrialScore
     noisy_runs: int
+    stopped: str = ""
 
 
 class StudyListener(Protocol):

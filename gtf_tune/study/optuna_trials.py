@@ -1,14 +1,18 @@
 """Keep Optuna's trials in step with the slots of a study's budget."""
 
 from collections.abc import Mapping
+from contextlib import suppress
+from types import MappingProxyType
 from typing import Any
 
 import optuna
+from optuna.exceptions import UpdateFinishedTrialError
 from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
 
 _SLOT = "gtf_tune:slot"
 _FIXED = "fixed_params"  # where Optuna's own enqueue_trial keeps the values that a trial must take
+_STATES = MappingProxyType({"complete": TrialState.COMPLETE, "pruned": TrialState.PRUNED})
 
 
 def create_for_slot(study: optuna.Study, ordinal: int, fixed: Mapping[str, Any] | None) -> int:
@@ -59,6 +63,12 @@ def study_id_of(study: optuna.Study) -> int:
     return study._study_id
 
 
-def tell(study: optuna.Study, number: int, value: float) -> None:
-    """Give a trial its final value; a trial that already has one keeps it."""
-    study.tell(number, value, skip_if_finished=True)
+def tell(study: optuna.Study, number: int, value: float, state: str = "complete") -> None:
+    """Give a trial its final value and state, "complete" or "pruned"; a trial that already has them keeps them.
+
+    `Study.tell` would give a pruned trial its last intermediate value, which here is that of one noise instance.
+    """
+    storage = storage_of(study)
+    trial_id = storage.get_trial_id_from_study_id_trial_number(study_id_of(study), number)
+    with suppress(UpdateFinishedTrialError):
+        storage.set_trial_state_values(trial_id, _STATES[state], [value])

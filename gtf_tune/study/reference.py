@@ -54,9 +54,5 @@ def read_reference(study: OpenStudy, ordinal: int) -> Reference:
 
 
 def _incumbent(study: OpenStudy, ordinal: int) -> tuple[float, ...]:
-    earlier = [trial for trial in trials.of_study(study.database, study.record.id) if trial.ordinal < ordinal]
-    scored = [(trial.value, trial.id) for trial in earlier if trial.feasible and trial.value is not None]
-    if not scored:
-        return ()
-    best_id = min(scored)[1]
-    return tuple(trials.details(study.database, [best_id])[best_id]["instances"])
+    best = trials.best(study.database, study.record.id, before=ordinal)
+    return () if best is None else tuple(trials.details(study.database, [best.id])[best.id]["instances"])

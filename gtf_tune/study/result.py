@@ -15,8 +15,9 @@ COVERAGE_CONSTRAINT = "coverage"
 
 
 def report_instances(trial: Trial, scored: ScoredTrial) -> None:
-    """Report the value of each noisy instance as an intermediate value, its number being the step."""
-    for step, value in enumerate(scored.instances):
+    """Report the value of each new noisy instance as an intermediate value, its number being the step."""
+    known = len(trial.storage.get_trial(trial._trial_id).intermediate_values)
+    for step, value in enumerate(scored.instances[known:], start=known):
         trial.report(value, step)
 
 
@@ -32,6 +33,8 @@ def set_attributes(trial: Trial, scored: ScoredTrial, reference: Reference) -> N
         attributes["gtf_ate"] = score.value
         if math.isfinite(score.standard_error):
             attributes["gtf_se"] = score.standard_error
+        if scored.decision.hopeless:
+            attributes["stopped_early"] = True
         if reference.nominal_value:
             attributes["improvement_percent"] = round(100 * (1 - score.value / reference.nominal_value), 2)
     for name, value in attributes.items():
@@ -44,7 +47,7 @@ def trial_result(scored: ScoredTrial, wall_s: float) -> TrialResult:
     low, high = score.confidence_interval
     collapsed = [flag for one in score.by_sequence.values() if one.score for flag in one.score.collapsed.tolist()]
     return TrialResult(
-        state="complete",
+        state="pruned" if scored.decision.hopeless else "complete",
         value=score.value,
         feasible=score.feasible,
         gtf_ate=score.value if score.feasible else None,
@@ -56,13 +59,13 @@ def trial_result(scored: ScoredTrial, wall_s: float) -> TrialResult:
         clean_runs=sum(use.run.kind == "clean" for use in scored.uses),
         noisy_runs=sum(use.run.kind == "noisy" for use in scored.uses),
         wall_s=wall_s,
-        message=score.message,
+        message=score.message or (scored.decision.reason if scored.decision.hopeless else ""),
         detail={
             "sequences": {
                 name: _sequence_detail(one, scored.clean_coverage[name]) for name, one in score.by_sequence.items()
             },
             "instances": list(scored.instances),
-            "sizing": scored.sizing_reason,
+            "sizing": scored.decision.reason,
         },
     )
 

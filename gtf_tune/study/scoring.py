@@ -15,6 +15,7 @@ from gtf_tune.study.objective import FinishedRun, TrialScore, score_sequence, sc
 from gtf_tune.study.opened import OpenStudy
 from gtf_tune.study.plan import run_order
 from gtf_tune.study.reference import Reference
+from gtf_tune.study.sizing import Decision
 from gtf_tune.trajectory import Trajectory
 
 
@@ -32,11 +33,11 @@ class ScoredTrial:
     noisy_runs: int
     clean: Mapping[str, tuple[Trajectory, ...]] = field(repr=False)
     clean_coverage: Mapping[str, float]
-    sizing_reason: str = ""
+    decision: Decision = field(default_factory=lambda: Decision(0))
 
-    def with_reason(self, reason: str) -> "ScoredTrial":
+    def decided(self, decision: Decision) -> "ScoredTrial":
         """Return the same with why the trial has as many noisy runs as it has."""
-        return replace(self, sizing_reason=reason)
+        return replace(self, decision=decision)
 
 
 @dataclass

@@ -21,7 +21,7 @@ from gtf_tune.study.result import report_instances, set_attributes, trial_result
 from gtf_tune.study.sampler import make_sampler
 from gtf_tune.study.scoring import ScoredTrial, TrialRuns
 from gtf_tune.study.side_metric import record_side_metric
-from gtf_tune.study.sizing import Sizing, Standing
+from gtf_tune.study.sizing import Decision, Sizing, Standing
 from gtf_tune.study.stop import StopRequest
 
 _GIB = 2**30
@@ -63,17 +63,17 @@ class TrialRunner:
         started = time.perf_counter()
         trial, options = self._ask(slot)
         reference = read_reference(self.study, slot.ordinal)
-        scored = self._score(slot, options, reference)
+        scored = self._score(trial, TrialRuns(self.study, self._source(), options, slot.ordinal), reference)
         database = self.study.database
         runs.link(database, slot.trial_id, scored.uses)
-        report_instances(trial, scored)
         set_attributes(trial, scored, reference)
         record_side_metric(self.study, slot, trial, scored)
         result = trial_result(scored, wall_s=time.perf_counter() - started)
         if not slots.finish(database, slot, result):
             raise Interrupted
-        optuna_trials.tell(self.study.optuna_study, trial.number, scored.score.value)
-        return TrialEnd(slot.ordinal, options, scored.score, scored.noisy_runs)
+        optuna_trials.tell(self.study.optuna_study, trial.number, scored.score.value, result.state)
+        stopped = result.message if result.state == "pruned" else ""
+        return TrialEnd(slot.ordinal, options, scored.score, scored.noisy_runs, stopped)
 
     def _ask(self, slot: slots.Slot) -> tuple[Trial, dict[str, OptionValue]]:
         study = self.study.optuna_study
@@ -102,19 +102,27 @@ class TrialRunner:
             return None
         return next(itertools.islice(space.grid(), ordinal - 1, None), None)
 
-    def _score(self, slot: slots.Slot, options: Mapping[str, OptionValue], reference: Reference) -> ScoredTrial:
+    def _score(self, trial: Trial, runs_of_trial: TrialRuns, reference: Reference) -> ScoredTrial:
         """Obtain clean runs, then noisy ones as the sizing asks for them; stop as soon as the trial is infeasible."""
-        trial_runs = TrialRuns(self.study, self._source(), options, slot.ordinal)
-        scored = trial_runs.score(noisy=0, reference=reference)
-        count = self.sizing.first(is_nominal=slot.ordinal == 0)
+        scored = runs_of_trial.score(noisy=0, reference=reference)
+        count = self.sizing.first(is_nominal=runs_of_trial.ordinal == 0)
         while scored.score.feasible:
-            scored = trial_runs.score(noisy=count, reference=reference)
-            decision = self.sizing.next(Standing(scored.instances, reference.incumbent))
-            scored = scored.with_reason(decision.reason)
+            scored = runs_of_trial.score(noisy=count, reference=reference)
+            report_instances(trial, scored)
+            decision = self._decide(trial, Standing(scored.instances, reference.incumbent))
+            scored = scored.decided(decision)
             if decision.noisy_runs <= count:
                 break
             count = decision.noisy_runs
         return scored
+
+    def _decide(self, trial: Trial, standing: Standing) -> Decision:
+        decision = self.sizing.next(standing)
+        count = len(standing.own)
+        asks = self.study.definition.search.pruner != "none"
+        if asks and decision.noisy_runs > count and trial.should_prune():
+            return Decision(count, f"Optuna's pruner gave the trial up after {count} noisy runs", hopeless=True)
+        return decision
 
     def _source(self) -> RunSource:
         limits = self.study.definition.limits

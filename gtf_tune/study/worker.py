@@ -41,7 +41,7 @@ class StudyWorker:
             runner = TrialRunner(
                 study=self.study,
                 executor=self.executor,
-                sizing=sizing_of(self.study.definition.gtf),
+                sizing=sizing_of(self.study.definition),
                 stop=self.stop,
                 listener=self.listener,
                 heartbeat=heartbeat,
@@ -87,7 +87,7 @@ class StudyWorker:
         """Tell Optuna the end of trials whose worker died between storing and telling it."""
         for trial in trials.untold(self.study.database, self.study.record.id):
             if trial.optuna_number is not None and trial.value is not None:
-                optuna_trials.tell(self.study.optuna_study, trial.optuna_number, trial.value)
+                optuna_trials.tell(self.study.optuna_study, trial.optuna_number, trial.value, trial.state)
 
     def _others_at_work(self) -> bool:
         return trials.counts(self.study.database, self.study.record.id).get("claimed", 0) > 0
