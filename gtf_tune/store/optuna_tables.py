@@ -1,16 +1,21 @@
 """Give Optuna a storage on our database; Optuna is imported only when a function here is called."""
 
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import TYPE_CHECKING, TypeVar
 
 from gtf_tune.errors import StorageError
 from gtf_tune.store.database import Database
 from gtf_tune.store.engine import shared_arguments
 from gtf_tune.store.schema import optuna_url
+from gtf_tune.store.session import patiently
 
 if TYPE_CHECKING:
     from optuna.storages import RDBStorage
+
+Result = TypeVar("Result")
 
 
 def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: int | None = None) -> "RDBStorage":
@@ -38,15 +43,49 @@ def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: 
             grace_period=grace_s,
             skip_table_creation=True,
         )
-    if storage.get_current_version() != storage.get_head_version():
+    revision = storage.get_current_version()
+    if revision != _head_revision():
         raise StorageError(
-            f"the Optuna tables in {database.shown_url} have revision {storage.get_current_version()}, not "
-            f"{storage.get_head_version()}; run 'gtf-tune storage upgrade --storage {database.shown_url}'"
+            f"the Optuna tables in {database.shown_url} have revision {revision}, not {_head_revision()}; run "
+            f"'gtf-tune storage upgrade --storage {database.shown_url}'"
         )
     return storage
+
+
+@cache
+def _head_revision() -> str:
+    """Return the revision that the installed Optuna works with; it reads all its migrations to tell."""
+    from optuna.storages import RDBStorage
+
+    storage = RDBStorage("sqlite://")
+    head = storage.get_head_version()
+    storage.remove_session()
+    storage.engine.dispose()
+    return head
+
+
+def with_optuna(database: Database, work: Callable[[], Result]) -> Result:
+    """Return what ``work`` gets from Optuna, trying again after faults of the database that may pass.
+
+    ``work`` must be idempotent, like a unit of work of `gtf_tune.store.session.write`.
+
+    Raises
+    ------
+    StorageError
+        The fault did not pass.
+    """
+    from optuna.exceptions import StorageInternalError
+
+    def attempt() -> Result:
+        try:
+            return work()
+        except StorageInternalError as error:
+            raise error.__cause__ or error from error
+
+    return patiently(database, attempt)
 
 
 def delete_optuna_study(database: Database, optuna_study_id: int) -> None:
     """Delete an Optuna study with its trials, if it is still there."""
     with suppress(KeyError):
-        optuna_storage(database).delete_study(optuna_study_id)
+        with_optuna(database, lambda: optuna_storage(database).delete_study(optuna_study_id))

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import case, func, select
 from sqlalchemy.orm import Session
 
 from gtf_tune.pipelines.base import DiagnosticValue
@@ -71,6 +71,17 @@ class TrialRun:
     sequence_name: str
     reused: bool
     run: StoredRun
+
+
+@dataclass(frozen=True)
+class RunTotals:
+    """Hold the cost of a study: runs that were made for it, runs that were there already, seconds of those made."""
+
+    made: int
+    reused: int
+    failed: int
+    made_s: float
+    reused_s: float
 
 
 def find(database: Database, keys: Iterable[str]) -> dict[str, StoredRun]:
@@ -174,6 +185,25 @@ def of_trial(database: Database, trial_id: int) -> list[TrialRun]:
 def of_study(database: Database, study_id: int) -> list[TrialRun]:
     """Return the runs of all trials of a study, by ordinal, sequence, kind and index."""
     return _linked(database, models.Trial.study_id == study_id)
+
+
+def totals(database: Database, study_id: int) -> RunTotals:
+    """Return the cost of a study by one query; ``failed`` counts runs of both kinds, a run used twice counts twice."""
+    link_, run = models.TrialRun, models.Run
+    reused = link_.reused.is_(True)
+    query = (
+        select(
+            func.count(case((~reused, 1))),
+            func.count(case((reused, 1))),
+            func.count(case((run.status == "failed", 1))),
+            func.coalesce(func.sum(case((~reused, run.wall_s))), 0.0),
+            func.coalesce(func.sum(case((reused, run.wall_s))), 0.0),
+        )
+        .join(run, run.id == link_.run_id)
+        .join(models.Trial, models.Trial.id == link_.trial_id)
+        .where(models.Trial.study_id == study_id)
+    )
+    return RunTotals(*read_rows(database, query)[0])
 
 
 def _linked(database: Database, condition: Any) -> list[TrialRun]:

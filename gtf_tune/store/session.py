@@ -21,7 +21,7 @@ _pause = time.sleep
 
 def read(database: Database, work: Callable[[Session], Result]) -> Result:
     """Return what ``work`` reads from one consistent state of the database; see `write` for faults."""
-    return _repeat(database, database.reader, work)
+    return patiently(database, lambda: _attempt(database.reader, work))
 
 
 def read_rows(database: Database, query: Executable) -> list[tuple[Any, ...]]:
@@ -41,15 +41,22 @@ def write(database: Database, work: Callable[[Session], Result]) -> Result:
     StorageError
         The database refused the work, or the fault did not pass.
     """
-    return _repeat(database, database.engine, work)
+    return patiently(database, lambda: _attempt(database.engine, work))
 
 
-def _repeat(database: Database, engine: Engine, work: Callable[[Session], Result]) -> Result:
+def patiently(database: Database, attempt: Callable[[], Result]) -> Result:
+    """Return what ``attempt`` returns, trying again as `write` does after a fault of the database that may pass.
+
+    Raises
+    ------
+    StorageError
+        The fault did not pass, or is of the other kind.
+    """
     give_up_at = time.monotonic() + _GIVE_UP_AFTER_S
     pause_s = 0.05
     while True:
         try:
-            return _attempt(engine, work)
+            return attempt()
         except SQLAlchemyError as error:
             if not is_transient(error) or time.monotonic() > give_up_at:
                 raise storage_error(error, database.url) from error

@@ -81,14 +81,12 @@ def claim_slot(database: Database, study_id: int, budget: int, worker: Worker) -
     return write(database, work)
 
 
-def _insert(session: Session, study_id: int, ordinal: int, claim: str, worker: Worker) -> Slot | None:
-    now = session.scalar(select(DatabaseClock()))
-    results = {**vars(TrialResult("failed")), "state": "claimed"}
-    session.add(
-        models.Trial(study_id=study_id, ordinal=ordinal, attempts=1, started_at=now, **results, **_owned(claim, worker))
-    )
+def _insert(session: Session, study_id: int, ordinal: int, claim: str, worker: Worker) -> Slot:
+    results = {**vars(TrialResult("failed")), "state": "claimed", "started_at": DatabaseClock()}
+    row = models.Trial(study_id=study_id, ordinal=ordinal, attempts=1, **results, **_owned(claim, worker))
+    session.add(row)
     session.flush()
-    return _held(session, claim)
+    return Slot(row.id, study_id, ordinal, claim, attempts=1)
 
 
 def adopt_stale(database: Database, study_id: int, worker: Worker, grace_s: float) -> Slot | None:

@@ -34,12 +34,12 @@ def test_many_processes_create_one_database_at_once(empty_storage: str) -> None:
     import optuna.storages  # once, before the processes fork  # noqa: F401
 
     context = multiprocessing.get_context("fork")
-    processes = [context.Process(target=_create, args=(empty_storage,)) for _ in range(12)]
+    processes = [context.Process(target=_create, args=(empty_storage,)) for _ in range(24)]
     for process in processes:
         process.start()
     for process in processes:
         process.join()
-    assert [process.exitcode for process in processes] == [0] * 12
+    assert [process.exitcode for process in processes] == [0] * 24
     open_database(empty_storage).close()
 
 

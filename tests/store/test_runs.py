@@ -12,7 +12,7 @@ from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.store import runs, slots
 from gtf_tune.store.columns import Json, Words
 from gtf_tune.store.database import Database
-from gtf_tune.store.runs import RunUse
+from gtf_tune.store.runs import RunTotals, RunUse
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trajectories import digest_of, trajectories
 from gtf_tune.store.workers import this_worker
@@ -100,6 +100,18 @@ def test_linking_again_keeps_who_made_a_run(
         (0, "desk", made[0], False),
         (0, "desk", made[1], True),
     ]
+
+
+def test_totals_count_what_a_study_made_and_reused(
+    database: Database, study: Study, make_request: MakeRequest, make_outcome: MakeOutcome
+) -> None:
+    assert runs.totals(database, study.id) == RunTotals(0, 0, 0, 0.0, 0.0)
+    slot = slots.claim_slot(database, study.id, 1, this_worker())
+    assert slot is not None
+    for index, status in enumerate(["ok", "failed", "ok"]):
+        saved = runs.save(database, make_request("noisy", index), make_outcome(status=status, wall_s=1.0 + index))
+        runs.link(database, slot.trial_id, [RunUse("desk", saved, reused=index == 2)])
+    assert runs.totals(database, study.id) == RunTotals(2, 1, 1, 3.0, 3.0)
 
 
 @settings(max_examples=50)

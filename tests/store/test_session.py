@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 from gtf_tune.errors import StorageError
 from gtf_tune.store import engine, session, studies
 from gtf_tune.store.database import Database, open_database
+from gtf_tune.store.optuna_tables import optuna_storage, with_optuna
 from gtf_tune.store.session import read, read_rows, write
 from gtf_tune.store.studies import Study
 
@@ -136,6 +137,26 @@ def test_a_locked_database_is_one_sentence(
     holder, other = open_database(storage), open_database(storage)
     with holder.engine.begin(), pytest.raises(StorageError, match="is locked by another process"):
         write(other, lambda session: session.execute(text("SELECT 1")).close())
+    holder.close()
+    other.close()
+
+
+def test_optuna_waits_for_a_lock_like_we_do(
+    make_storage: Callable[[str, bool], str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from optuna.study import StudyDirection
+
+    monkeypatch.setattr(engine, "_LOCK_TIMEOUT_S", 0)
+    storage = make_storage("sqlite", True)
+    holder, other = open_database(storage), open_database(storage)
+    rdb = optuna_storage(other)
+    lock = holder.engine.begin()
+    lock.__enter__()
+    monkeypatch.setattr(session, "_pause", lambda seconds: lock.__exit__(None, None, None))
+
+    created = with_optuna(other, lambda: rdb.create_new_study([StudyDirection.MINIMIZE], "toy"))
+
+    assert rdb.get_study_name_from_id(created) == "toy"
     holder.close()
     other.close()
 
