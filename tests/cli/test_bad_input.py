@@ -1,0 +1,112 @@
+"""Bad input is one sentence on stderr, exit code 1, and nothing lost."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.cli.conftest import Cli, Said
+
+CREATE = ("study", "create", "small", "-p", "analytic", "-s", "room", "-n", "3")
+AXIS = ("-r", "filter.max_error=1e-3:1e-1:log")
+
+
+def _assert_one_sentence(said: Said, *words: str) -> None:
+    assert said.code == 1, said.err
+    lines = [line for line in said.err.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1, said.err
+    assert "Traceback" not in said.err
+    for word in words:
+        assert word in lines[0], lines[0]
+
+
+def test_an_unknown_option_is_named_with_the_nearest_known(cli: Cli, room: Path) -> None:
+    _assert_one_sentence(
+        cli(*CREATE, "-r", "filter.max_eror=1e-3:1e-1"), "filter.max_eror", "did you mean 'filter.max_error'"
+    )
+
+
+def test_a_value_of_the_wrong_type_says_which_type_is_right(cli: Cli, room: Path) -> None:
+    _assert_one_sentence(cli(*CREATE, *AXIS, "-o", "tracks.min_length=2.5"), "a whole number", "2.5")
+
+
+def test_an_empty_folder_is_named(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "room").mkdir()
+
+    _assert_one_sentence(cli(*CREATE, *AXIS), "room", "image")
+
+
+def test_one_corrupt_image_is_named(cli: Cli, room: Path) -> None:
+    (room / "rgb" / "000003.png").write_bytes(b"not an image")
+
+    _assert_one_sentence(cli(*CREATE, *AXIS), "000003.png")
+
+
+def test_no_clean_runs_are_refused(cli: Cli, room: Path) -> None:
+    _assert_one_sentence(cli(*CREATE, *AXIS, "--clean-runs", "0"), "clean_runs", "not 0")
+
+
+def test_a_negative_sigma_is_refused(cli: Cli, room: Path) -> None:
+    _assert_one_sentence(cli(*CREATE, *AXIS, "--noise-sigma", "-1"), "noise_sigma", "not -1")
+
+
+def test_a_definition_with_three_faults_names_all_three(cli: Cli, room: Path) -> None:
+    Path("bad.toml").write_text(
+        """
+        name = "bad"
+        [pipeline]
+        name = "analytic"
+        options = { "robust.kernell" = "huber" }
+        [[sequences]]
+        name = "room"
+        path = "room"
+        [space]
+        "filter.max_error" = { low = 1e-3, high = 1e-1, logg = true }
+        [gtf]
+        noise_sigma = -3.0
+        """
+    )
+
+    _assert_one_sentence(cli("study", "create", "bad.toml"), "3 faults", "robust.kernell", "logg", "noise_sigma")
+
+
+def test_a_storage_that_is_not_sqlite_is_left_alone(cli: Cli, room: Path) -> None:
+    Path("notes.txt").write_text("these are my notes, at least a hundred bytes of them\n" * 10)
+    before = Path("notes.txt").read_bytes()
+
+    _assert_one_sentence(cli(*CREATE, *AXIS, "--storage", "notes.txt"), "notes.txt")
+    assert Path("notes.txt").read_bytes() == before
+
+
+def test_a_folder_that_cannot_be_written_is_named(cli: Cli, room: Path) -> None:
+    _assert_one_sentence(cli(*CREATE, *AXIS, "--storage", "/proc/study.db"), "/proc")
+
+
+def test_a_study_that_exists_is_kept(cli: Cli, room: Path) -> None:
+    assert cli(*CREATE, *AXIS).code == 0
+
+    _assert_one_sentence(cli(*CREATE, *AXIS), "'small' exists already", "resume")
+
+
+def test_pixels_that_changed_since_the_study_began_are_refused(cli: Cli, room: Path) -> None:
+    assert cli(*CREATE, *AXIS).code == 0
+    cv2.imwrite(str(room / "rgb" / "000002.png"), np.full((16, 20), 99, dtype=np.uint8))
+
+    _assert_one_sentence(cli("study", "run", "small"), "room", "other pixels")
+
+
+def test_an_unknown_study_is_named_with_the_nearest(cli: Cli, room: Path) -> None:
+    assert cli(*CREATE, *AXIS).code == 0
+
+    _assert_one_sentence(cli("study", "run", "smal"), "'smal'", "did you mean 'small'")
+
+
+def test_a_storage_that_does_not_exist_is_not_created_by_reading(cli: Cli, tmp_path: Path) -> None:
+    _assert_one_sentence(cli("study", "list", "--storage", "none.db"), "none.db")
+    assert not (tmp_path / "none.db").exists()
+
+
+@pytest.mark.parametrize("text", ["filter.max_error", "filter.max_error=", "filter.max_error=1:2:3:4"])
+def test_a_malformed_range_shows_the_right_form(cli: Cli, room: Path, text: str) -> None:
+    _assert_one_sentence(cli(*CREATE, "-r", text), "NAME=")

@@ -1,0 +1,72 @@
+import json
+from pathlib import Path
+
+from tests.cli.conftest import Cli
+
+CREATE = ("study", "create", "small", "-p", "analytic", "-s", "room", "-n", "4", "-k", "1", "-K", "3")
+AXIS = ("-r", "filter.max_error=1e-3:1e-1:log")
+
+
+def test_a_study_goes_from_create_to_export(cli: Cli, room: Path) -> None:
+    created = cli(*CREATE, *AXIS)
+    ran = cli("study", "run", "small", "--jobs", "1")
+    best = json.loads(cli("study", "best", "small", "--json").out)
+    exported = json.loads(cli("study", "export", "small", "--format", "json").out)
+
+    assert "storage: sqlite:///gtf-tune.db" in created.err
+    assert "4/4" in ran.err
+    assert exported == {"filter": {"max_error": best["best"]["options"]["filter.max_error"]}}
+
+
+def test_tables_fit_eighty_columns(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS)
+    cli("study", "run", "small", "--jobs", "1")
+
+    for command in (("list",), ("show", "small"), ("best", "small")):
+        lines = cli("study", *command).out.splitlines()
+        assert lines
+        assert max(map(len, lines)) <= 80
+
+
+def test_resume_says_what_is_done_and_what_is_left(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS)
+    cli("study", "run", "small", "--jobs", "1")
+
+    assert "4 of 4 trials done" in cli("study", "resume", "small").err
+
+
+def test_show_as_json_holds_definition_and_trials(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS)
+    cli("study", "run", "small", "--jobs", "1")
+
+    shown = json.loads(cli("study", "show", "small", "--json").out)
+
+    assert shown["definition"]["gtf"]["noisy_runs"] == 3
+    assert [trial["ordinal"] for trial in shown["trials"]] == [0, 1, 2, 3]
+    assert all(trial["gt_ate"] > 0 for trial in shown["trials"])
+
+
+def test_trials_are_exported_as_csv_and_trajectories_as_tum(cli: Cli, room: Path, tmp_path: Path) -> None:
+    cli(*CREATE, *AXIS)
+    cli("study", "run", "small", "--jobs", "1")
+
+    lines = cli("study", "export", "small", "--format", "csv").out.splitlines()
+    cli("study", "export", "small", "--format", "tum", "--output", "poses")
+
+    assert len(lines) == 5
+    assert "gt_ate:room" in lines[0]
+    assert len(list((tmp_path / "poses").glob("room-*.txt"))) == 4
+
+
+def test_a_deleted_study_is_gone(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS)
+
+    assert cli("study", "delete", "small", "--yes").code == 0
+    assert json.loads(cli("study", "list", "--json").out) == []
+
+
+def test_evaluate_scores_one_setting_without_a_storage(cli: Cli, room: Path, tmp_path: Path) -> None:
+    said = cli("evaluate", "room", "-p", "analytic", "-K", "3", "-j", "1", "--json")
+
+    assert json.loads(said.out)["gtf_ate"] > 0
+    assert not list(tmp_path.glob("*.db"))
