@@ -3,6 +3,7 @@
 from gtf_tune.definition.gtf import GtfDefinition, NoisyRuns
 from gtf_tune.definition.loading import definition_from_dict, dump_definition, load_definition, read_toml
 from gtf_tune.definition.model import (
+    DEFAULT_TRIALS,
     LimitsDefinition,
     PipelineDefinition,
     SearchDefinition,
@@ -12,6 +13,7 @@ from gtf_tune.definition.model import (
 from gtf_tune.definition.space import Axis, RangeAxis, ValuesAxis
 
 __all__ = [
+    "DEFAULT_TRIALS",
     "Axis",
     "GtfDefinition",
     "LimitsDefinition",

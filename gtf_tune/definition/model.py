@@ -1,13 +1,18 @@
 """Define a whole study: pipeline, sequences, space, score, search and limits."""
 
+import math
 import re
+from collections.abc import Mapping
 from typing import Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from gtf_tune.definition.base import Section
 from gtf_tune.definition.gtf import GtfDefinition
-from gtf_tune.definition.space import Axis
+from gtf_tune.definition.space import Axis, ValuesAxis
+
+DEFAULT_TRIALS = 50
+"""Budget of a search that is not a grid and does not say otherwise."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 
@@ -60,9 +65,13 @@ class SequenceDefinition(Section):
 
 
 class SearchDefinition(Section):
-    """Define the search: sampler, budget in trials (nominal included) and seed."""
+    """Define the search: sampler, budget in trials (nominal included) and seed.
 
-    sampler: Literal["grid", "tpe", "gp", "cmaes", "qmc", "random"] = "tpe"
+    ``sampler = "auto"`` becomes what suits the space (see docs/performance.md): a grid for lists of values that the
+    budget covers, ``refine`` for one range, else ``tpe``.
+    """
+
+    sampler: Literal["auto", "grid", "refine", "tpe", "gp", "cmaes", "qmc", "random"] = "auto"
     trials: int | None = Field(default=None, ge=1)
     seed: int = Field(default=0, ge=0, lt=2**31)
     pruner: Literal["none", "wilcoxon"] = "none"
@@ -103,10 +112,26 @@ class StudyDefinition(Section):
             raise ValueError(f"an option is either fixed or searched, not both: {', '.join(both)}")
         return self
 
+    @model_validator(mode="after")
+    def _resolve_sampler(self) -> Self:
+        if self.search.sampler == "auto":
+            resolved = self.search.model_copy(update={"sampler": suited_sampler(self.space, self.search.trials)})
+            object.__setattr__(self, "search", resolved)
+        return self
+
     @property
     def searched_sequences(self) -> list[SequenceDefinition]:
         """Return the sequences that the search sees."""
         return [sequence for sequence in self.sequences if not sequence.holdout]
+
+
+def suited_sampler(space: Mapping[str, Axis], trials: int | None) -> str:
+    """Return the sampler that suits a space and a budget of trials."""
+    lists = [axis for axis in space.values() if isinstance(axis, ValuesAxis)]
+    size = math.prod(len(axis.values) for axis in lists) + 1
+    if len(lists) == len(space) and size <= (trials or DEFAULT_TRIALS):
+        return "grid"
+    return "refine" if len(space) == 1 and not lists else "tpe"
 
 
 def check_name(name: str) -> str:

@@ -20,7 +20,7 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.optuna_tables import optuna_storage
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
 from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence, make_pipeline
-from gtf_tune.study.sampler import make_pruner, make_sampler, require_extra
+from gtf_tune.study.sampler import check_search, make_pruner, make_sampler
 from gtf_tune.study.space import build_space, space_faults
 from gtf_tune.version import __version__
 
@@ -51,7 +51,7 @@ def create_study(database: Database, definition: StudyDefinition, root: Path) ->
     pipeline = make_pipeline(definition)
     pipeline.options.check(definition.pipeline.options)
     build_space(definition, pipeline.options)
-    require_extra(definition.search.sampler)
+    check_search(definition)
     refuse_taken_name(database, definition.name)
     loaded = [load_defined_sequence(one, root) for one in definition.sequences]
     rows = tuple(_row(one.path, sequence) for one, sequence in zip(definition.sequences, loaded, strict=True))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import optuna
 
-from gtf_tune.definition import SequenceDefinition, StudyDefinition
+from gtf_tune.definition import DEFAULT_TRIALS, SequenceDefinition, StudyDefinition
 from gtf_tune.errors import SequenceError
 from gtf_tune.pipelines import Pipeline, create_pipeline
 from gtf_tune.sequence import Camera, Selection, Sequence, load_sequence
@@ -15,8 +15,6 @@ from gtf_tune.store.studies import Study
 from gtf_tune.study.plan import RunPlanner
 from gtf_tune.study.seeds import SeedSource
 from gtf_tune.study.space import SearchSpace
-
-_DEFAULT_TRIALS = 50
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,7 @@ def trial_budget(definition: StudyDefinition, space: SearchSpace) -> int:
     if definition.search.sampler == "grid":
         size = space.grid_size()
         return min(size, definition.search.trials or size)
-    return definition.search.trials or _DEFAULT_TRIALS
+    return definition.search.trials or DEFAULT_TRIALS
 
 
 def load_defined_sequence(definition: SequenceDefinition, root: Path, override: Path | None = None) -> Sequence:

@@ -1,17 +1,24 @@
 """Make the Optuna sampler and pruner that a definition names."""
 
+import warnings
 from typing import Any
 
+from optuna.exceptions import ExperimentalWarning
 from optuna.pruners import BasePruner, NopPruner, WilcoxonPruner
 from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, QMCSampler, RandomSampler, TPESampler
 
-from gtf_tune.definition import SearchDefinition
+from gtf_tune.definition import RangeAxis, SearchDefinition, StudyDefinition
 from gtf_tune.errors import DefinitionError
+from gtf_tune.study.refine import RefineSampler
 from gtf_tune.study.seeds import SeedSource
+from gtf_tune.study.sizing import PRUNER_FIRST
 
-_WILCOXON_P = 0.05
-_WILCOXON_STARTUP = 6
+WILCOXON_P = 0.05
+WILCOXON_FEWEST = 8
+"""Noisy runs of a trial from which on the pruner can save any worth having."""
+
 _EXTRAS = {"gp": ("torch", "gp"), "cmaes": ("cmaes", "cmaes")}
+_BLIND_TO_STOPPED = ("gp", "cmaes")
 
 
 def make_sampler(search: SearchDefinition, ordinal: int) -> BaseSampler:
@@ -26,6 +33,7 @@ def make_sampler(search: SearchDefinition, ordinal: int) -> BaseSampler:
     seed = seeds.sampler_seed(ordinal)
     makers: dict[str, Any] = {
         "tpe": lambda: TPESampler(seed=seed),
+        "refine": RefineSampler,
         "gp": lambda: GPSampler(seed=seed, deterministic_objective=False),
         "cmaes": lambda: CmaEsSampler(seed=seed),
         "qmc": lambda: QMCSampler(seed=seeds.sampler_seed(0), warn_independent_sampling=False),
@@ -37,10 +45,20 @@ def make_sampler(search: SearchDefinition, ordinal: int) -> BaseSampler:
 
 
 def make_pruner(search: SearchDefinition) -> BasePruner:
-    """Return the pruner; Wilcoxon cannot fire before its sixth instance at p = 0.05 and only helps from about eight."""
-    if search.pruner == "wilcoxon":
-        return WilcoxonPruner(p_threshold=_WILCOXON_P, n_startup_steps=_WILCOXON_STARTUP)
-    return NopPruner()
+    """Return the pruner, which is asked between noisy runs."""
+    if search.pruner != "wilcoxon":
+        return NopPruner()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExperimentalWarning)
+        return WilcoxonPruner(p_threshold=WILCOXON_P, n_startup_steps=PRUNER_FIRST)
+
+
+def check_search(definition: StudyDefinition) -> None:
+    """Raise one `DefinitionError` that names everything that sampler, pruner and sizing cannot do together."""
+    faults = [*_sampler_faults(definition), *_stopping_faults(definition)]
+    if faults:
+        raise DefinitionError("; ".join(faults))
+    require_extra(definition.search.sampler)
 
 
 def require_extra(sampler: str) -> None:
@@ -54,3 +72,39 @@ def require_extra(sampler: str) -> None:
         raise DefinitionError(
             f"sampler '{sampler}' needs the package '{module}'; install it with: pip install 'gtf-tune[{extra}]'"
         ) from error
+
+
+def _sampler_faults(definition: StudyDefinition) -> list[str]:
+    axes = list(definition.space.values())
+    if definition.search.sampler != "refine" or (len(axes) == 1 and isinstance(axes[0], RangeAxis)):
+        return []
+    return [
+        f"sampler 'refine' searches one option between low and high, not {len(axes)} options or a list of values; "
+        "use 'tpe', or 'grid' for lists"
+    ]
+
+
+def _stopping_faults(definition: StudyDefinition) -> list[str]:
+    """Return what forbids to stop trials early, where that is asked for."""
+    gtf, search = definition.gtf, definition.search
+    adaptive, pruned = gtf.noisy_runs_min < gtf.noisy_runs_max, search.pruner == "wilcoxon"
+    asked = "pruner = 'wilcoxon'" if pruned else "noisy_runs = { min, max }"
+    faults: list[str] = []
+    if adaptive and pruned:
+        faults.append(
+            "noisy_runs = { min, max } and pruner = 'wilcoxon' both stop trials early; give a fixed number of noisy "
+            "runs, or drop the pruner"
+        )
+    if pruned and gtf.noisy_runs_max < WILCOXON_FEWEST:
+        faults.append(
+            f"pruner = 'wilcoxon' cannot decide before noisy run {PRUNER_FIRST}, so with {gtf.noisy_runs_max} noisy "
+            f"runs it saves nothing; give it {WILCOXON_FEWEST} or more, or drop it"
+        )
+    if (adaptive or pruned) and not gtf.common_noise:
+        faults.append(f"{asked} compares trials on the noise that they share; set common_noise = true or drop it")
+    if (adaptive or pruned) and search.sampler in _BLIND_TO_STOPPED:
+        faults.append(
+            f"sampler '{search.sampler}' does not learn from trials that were stopped early and would repeat them; "
+            f"use sampler 'tpe', or drop {asked}"
+        )
+    return faults

@@ -1,0 +1,141 @@
+"""Search one numeric option: a few even steps across its axis, then where the curve promises most."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from optuna import Study
+from optuna.distributions import BaseDistribution, FloatDistribution, IntDistribution
+from optuna.samplers import BaseSampler
+from optuna.trial import FrozenTrial, TrialState
+
+from gtf_tune.study.curve import fit_curve, next_place
+from gtf_tune.study.racing import compare
+from gtf_tune.trajectory import FloatArray
+
+COARSE = 3
+"""Even steps before the curve is used; nominal comes before them."""
+
+_CANDIDATES = 301
+_INFEASIBLE = math.log(2.0)
+
+
+class RefineSampler(BaseSampler):
+    """Choose the next value of a single numeric option; deterministic, and safe beside other workers.
+
+    Stopped trials count with what they showed against the best trial on the noise that both have seen, infeasible ones
+    as twice the worst score, trials of other workers as what the curve says without them.
+    """
+
+    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
+        """Return nothing: the only option is sampled by itself."""
+        del study, trial
+        return {}
+
+    def sample_relative(
+        self, study: Study, trial: FrozenTrial, search_space: Mapping[str, BaseDistribution]
+    ) -> dict[str, Any]:
+        """Return nothing."""
+        del study, trial, search_space
+        return {}
+
+    def sample_independent(
+        self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
+    ) -> float | int:
+        """Return the value for a trial; trial 0 is nominal and not asked for."""
+        axis = Axis.of(param_distribution)
+        if trial.number <= COARSE:
+            return axis.value(max(trial.number, 1) / (COARSE + 1))
+        others = [one for one in study.get_trials(deepcopy=False) if one.number != trial.number]
+        return axis.value(_choose([one for one in others if param_name in one.params], param_name, axis))
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Place the values of a distribution in [0, 1]."""
+
+    distribution: FloatDistribution | IntDistribution
+
+    @classmethod
+    def of(cls, distribution: BaseDistribution) -> "Axis":
+        """Return the axis of a numeric distribution, or raise `TypeError`."""
+        if not isinstance(distribution, FloatDistribution | IntDistribution):
+            raise TypeError(f"expected a distribution of numbers, not {distribution}")
+        return cls(distribution)
+
+    def place(self, value: float) -> float:
+        """Return the place of a value."""
+        low, high = self._ends
+        return (self._scaled(value) - low) / (high - low)
+
+    def value(self, place: float) -> float | int:
+        """Return the nearest allowed value to a place."""
+        low, high = self._ends
+        scaled = low + place * (high - low)
+        value = math.exp(scaled) if self.distribution.log else scaled
+        step = self.distribution.step
+        if step is not None:
+            value = self.distribution.low + step * round((value - self.distribution.low) / step)
+        value = min(max(float(f"{value:.9g}"), self.distribution.low), self.distribution.high)
+        return round(value) if isinstance(self.distribution, IntDistribution) else float(value)
+
+    def candidates(self, tried: FloatArray) -> FloatArray:
+        """Return places to choose from: a fine grid, or the untried values where there are few of them."""
+        values = dict.fromkeys(self.value(place) for place in np.linspace(0.0, 1.0, _CANDIDATES).tolist())
+        places = np.array([self.place(value) for value in values])
+        untried = np.array([place for place in places.tolist() if not np.isclose(place, tried, atol=1e-9).any()])
+        return untried if len(untried) else places
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        return self._scaled(self.distribution.low), self._scaled(self.distribution.high)
+
+    def _scaled(self, value: float) -> float:
+        return math.log(value) if self.distribution.log else float(value)
+
+
+def _choose(others: list[FrozenTrial], name: str, axis: Axis) -> float:
+    known = _log_scores(others)
+    if not known:
+        return 0.5
+    places = np.array([axis.place(others[index].params[name]) for index in known])
+    values = np.array(list(known.values()))
+    pending = np.array([axis.place(one.params[name]) for one in others if one.state == TrialState.RUNNING])
+    if len(pending):
+        believed = fit_curve(places, values).mean(pending)
+        places, values = np.concatenate([places, pending]), np.concatenate([values, believed])
+    return next_place(fit_curve(places, values), axis.candidates(places))
+
+
+def _log_scores(trials: list[FrozenTrial]) -> dict[int, float]:
+    """Return comparable logarithms of the scores of finished trials, by their position in the list."""
+    complete = {
+        index: math.log(one.value)
+        for index, one in enumerate(trials)
+        if one.state == TrialState.COMPLETE and _is_feasible(one) and one.value is not None and one.value > 0
+    }
+    if not complete:
+        return {}
+    best = min(complete, key=lambda index: complete[index])
+    stopped = {
+        index: complete[best] + compare(_instances(one), _instances(trials[best])).log_ratio
+        for index, one in enumerate(trials)
+        if one.state == TrialState.PRUNED
+    }
+    worst = max([*complete.values(), *stopped.values()])
+    infeasible = {
+        index: worst + _INFEASIBLE
+        for index, one in enumerate(trials)
+        if one.state == TrialState.COMPLETE and not _is_feasible(one)
+    }
+    return complete | stopped | infeasible
+
+
+def _is_feasible(trial: FrozenTrial) -> bool:
+    return all(value <= 0 for value in trial.constraints.values())
+
+
+def _instances(trial: FrozenTrial) -> list[float]:
+    return [value for _, value in sorted(trial.intermediate_values.items())]
