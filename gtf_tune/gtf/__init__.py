@@ -2,6 +2,7 @@
 
 from gtf_tune.gtf.aggregate import Aggregate, aggregate_instances, aggregate_matrix
 from gtf_tune.gtf.collapse import find_collapsed
+from gtf_tune.gtf.comparison import PairedDifference, holm, paired_difference
 from gtf_tune.gtf.score import GtfScore, gtf_score
 from gtf_tune.gtf.settings import GtfMetric, GtfSettings, Normalise
 from gtf_tune.gtf.uncertainty import Estimate, estimate
@@ -13,9 +14,12 @@ __all__ = [
     "GtfScore",
     "GtfSettings",
     "Normalise",
+    "PairedDifference",
     "aggregate_instances",
     "aggregate_matrix",
     "estimate",
     "find_collapsed",
     "gtf_score",
+    "holm",
+    "paired_difference",
 ]

@@ -1,4 +1,8 @@
-"""Find noisy runs whose reconstruction fell apart."""
+"""Find noisy runs whose reconstruction fell apart.
+
+`benchmarks/interval_coverage.py` measures the rule: where healthy runs spread by a third it marked none of them and
+found 89 % (of 3 runs), 99 % (of 4) and all (of 6 and more) of those a hundred times worse.
+"""
 
 import math
 
@@ -42,22 +46,22 @@ def find_collapsed(matrix: FloatArray, noisy_noisy: FloatArray | None = None) ->
 
 
 def far_above_median(values: FloatArray) -> BoolArray:
-    """Return which of the positive values, (n,), lie far above the median; NaN never does."""
-    deviations, limit = _log_deviations(values)
+    """Return which of the non-negative values, (n,), lie far above the median; NaN never does."""
+    deviations, limit = _deviations(np.log(np.maximum(values, np.finfo(np.float64).tiny)))
     return deviations > limit
 
 
 def far_from_median(logarithms: FloatArray) -> BoolArray:
     """Return which of the logarithms, (n,), lie far from their median on either side; NaN never does."""
-    deviations, limit = _log_deviations(np.exp(logarithms))
+    deviations, limit = _deviations(logarithms)
     return np.abs(deviations) > limit
 
 
-def _log_deviations(values: FloatArray) -> tuple[FloatArray, float]:
-    known = ~np.isnan(values)
+def _deviations(logarithms: FloatArray) -> tuple[FloatArray, float]:
+    """Return the deviations from the median, 0 for NaN, and the size from which on they are far."""
+    known = ~np.isnan(logarithms)
     if known.sum() < _FEWEST:
-        return np.zeros(len(values)), math.inf
-    logarithms = np.log(np.maximum(values, np.finfo(np.float64).tiny))
+        return np.zeros(len(logarithms)), math.inf
     deviations = np.where(known, logarithms - np.median(logarithms[known]), 0.0)
     spread = _MAD_TO_DEVIATION * float(np.median(np.abs(deviations[known])))
     return deviations, max(math.log(COLLAPSE_FACTOR), COLLAPSE_DEVIATIONS * spread)

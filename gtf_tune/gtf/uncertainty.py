@@ -2,8 +2,12 @@
 
 Pairs (clean i, noisy j) are not independent: all pairs of a clean run share it, and so do all pairs of a noisy run. The
 variance of a mean over a (k, k_delta) matrix is therefore that of a two-way table with random rows and columns (Searle,
-Casella, McCulloch, "Variance components", 1992, ch. 4). `benchmarks/interval_coverage.py` measures how often these
-intervals hold the truth and is the reason for each choice here.
+Casella, McCulloch, "Variance components", 1992, ch. 4).
+
+`benchmarks/interval_coverage.py` measures how often these intervals hold the truth and is the reason for each choice
+here. With k = 2 and k_delta = 4 to 12 the 95 % interval does so in 94 to 97 % (98 % for medians of few runs). When 5 %
+of noisy runs collapse, ``median`` and ``trimmed`` keep that; ``gmean`` falls to 68 to 91 % and ``mean`` to 15 to 43 %:
+no interval can know of a collapse that it has not seen.
 """
 
 import math
