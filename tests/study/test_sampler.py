@@ -1,0 +1,129 @@
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from optuna.pruners import NopPruner, WilcoxonPruner
+from optuna.samplers import CmaEsSampler, QMCSampler, RandomSampler, TPESampler
+
+from gtf_tune.definition import SearchDefinition, StudyDefinition, definition_from_dict
+from gtf_tune.errors import DefinitionError
+from gtf_tune.study.refine import RefineSampler
+from gtf_tune.study.sampler import check_search, make_pruner, make_sampler
+from tests.study.conftest import definition_of
+
+RANGE = {"low": 3e-4, "high": 0.1, "log": True}
+LIST = {"values": [0.01, 0.02]}
+
+
+def _definition(**sections: Any) -> StudyDefinition:
+    return definition_from_dict(definition_of(Path("room"), **sections))
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("tpe", TPESampler),
+        ("refine", RefineSampler),
+        ("qmc", QMCSampler),
+        ("random", RandomSampler),
+        ("grid", RandomSampler),
+        ("cmaes", CmaEsSampler),
+    ],
+)
+def test_every_name_makes_its_sampler(name: Any, kind: type) -> None:
+    assert isinstance(make_sampler(SearchDefinition(sampler=name), 3), kind)
+
+
+def test_start_up_points_differ_between_trials_and_repeat_after_a_resume() -> None:
+    import optuna
+
+    def first_value(ordinal: int) -> float:
+        study = optuna.create_study(sampler=make_sampler(SearchDefinition(sampler="tpe", seed=4), ordinal))
+        return study.ask().suggest_float("x", 0.0, 1.0)
+
+    assert first_value(1) != first_value(2)
+    assert first_value(1) == first_value(1)
+
+
+def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)
+
+    with pytest.raises(DefinitionError, match=r"gtf-tune\[gp\]"):
+        check_search(_definition(search={"sampler": "gp"}))
+
+
+@pytest.mark.parametrize(
+    ("space", "trials", "expected"),
+    [
+        ({"filter.max_error": RANGE}, None, "refine"),
+        ({"filter.max_error": RANGE, "robust.scale": RANGE}, None, "tpe"),
+        ({"filter.max_error": RANGE, "robust.kernel": {"values": ["huber", "cauchy"]}}, 9, "tpe"),
+        ({"filter.max_error": LIST}, None, "grid"),
+        ({"filter.max_error": LIST, "robust.scale": LIST}, 5, "grid"),
+        ({"filter.max_error": LIST, "robust.scale": LIST}, 4, "tpe"),
+    ],
+)
+def test_without_a_name_the_space_chooses_the_sampler(space: dict[str, Any], trials: int | None, expected: str) -> None:
+    data = definition_of(Path("room"), space=space)
+    data["search"] = {"trials": trials}
+
+    assert definition_from_dict(data).search.sampler == expected
+
+
+def test_the_chosen_sampler_is_what_is_stored() -> None:
+    data = definition_of(Path("room"))
+    data["search"] = {}
+
+    stored = definition_from_dict(data).model_dump(mode="json")
+
+    assert stored["search"]["sampler"] == "refine"
+    assert definition_from_dict(stored).search.sampler == "refine"
+
+
+def test_pruning_is_off_unless_asked_for() -> None:
+    assert isinstance(make_pruner(SearchDefinition()), NopPruner)
+    assert isinstance(make_pruner(SearchDefinition(pruner="wilcoxon")), WilcoxonPruner)
+
+
+@pytest.mark.parametrize(
+    ("sections", "reason"),
+    [
+        ({"search": {"sampler": "refine"}, "space": {"filter.max_error": LIST}}, "one option between low and high"),
+        (
+            {"search": {"sampler": "refine"}, "space": {"filter.max_error": RANGE, "robust.scale": RANGE}},
+            "one option between low and high",
+        ),
+        ({"search": {"pruner": "wilcoxon"}, "gtf": {"noisy_runs": 6}}, "give it 8 or more"),
+        ({"search": {"pruner": "wilcoxon"}, "gtf": {"noisy_runs": {"min": 3, "max": 12}}}, "both stop trials early"),
+        ({"gtf": {"noisy_runs": {"min": 3, "max": 12}, "common_noise": False}}, "set common_noise = true"),
+        ({"search": {"pruner": "wilcoxon"}, "gtf": {"noisy_runs": 9, "common_noise": False}}, "common_noise = true"),
+        ({"search": {"sampler": "cmaes"}, "gtf": {"noisy_runs": {"min": 3, "max": 12}}}, "would repeat them"),
+    ],
+)
+def test_what_cannot_work_together_is_refused_with_the_reason(sections: dict[str, Any], reason: str) -> None:
+    with pytest.raises(DefinitionError, match=reason):
+        check_search(_definition(**sections))
+
+
+def test_all_faults_of_a_search_are_named_at_once() -> None:
+    sections = {"search": {"sampler": "cmaes", "pruner": "wilcoxon"}, "gtf": {"noisy_runs": 4, "common_noise": False}}
+
+    with pytest.raises(DefinitionError) as caught:
+        check_search(_definition(**sections))
+
+    assert all(reason in str(caught.value) for reason in ("8 or more", "common_noise", "would repeat them"))
+
+
+@pytest.mark.parametrize(
+    "sections",
+    [
+        {},
+        {"gtf": {"noisy_runs": {"min": 3, "max": 12}}},
+        {"search": {"pruner": "wilcoxon"}, "gtf": {"noisy_runs": 8}},
+        {"search": {"sampler": "cmaes"}},
+        {"gtf": {"common_noise": False}},
+    ],
+)
+def test_what_works_together_is_accepted(sections: dict[str, Any]) -> None:
+    check_search(_definition(**sections))
