@@ -2,12 +2,13 @@
 
 import typer
 
-from gtf_tune.cli import study_create, study_export, study_read, study_run
+from gtf_tune.cli import study_confirm, study_create, study_export, study_read, study_run
 
 app = typer.Typer(help="Create, run and read studies.", no_args_is_help=True)
 app.command("create", rich_help_panel="Work")(study_create.create)
 app.command("run", rich_help_panel="Work")(study_run.run)
 app.command("resume", rich_help_panel="Work")(study_run.resume)
+app.command("confirm", rich_help_panel="Work")(study_confirm.confirm)
 app.command("list", rich_help_panel="Look")(study_read.list_studies)
 app.command("show", rich_help_panel="Look")(study_read.show)
 app.command("best", rich_help_panel="Look")(study_read.best)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 Format = Annotated[str, typer.Option("--format", "-f", help="colmap-ini, colmap-cli, json, csv or tum.")]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="A file (a folder for tum); default stdout.")]
-TrialNumber = Annotated[int | None, typer.Option("--trial", help="Another trial than the best.")]
+TrialNumber = Annotated[int | None, typer.Option("--trial", help="Another trial than the recommended one.")]
 
 
 def export(
@@ -27,7 +27,7 @@ def export(
     trial: TrialNumber = None,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
-    """Write the best setting as a COLMAP project file, flags or JSON, all trials as CSV, or trajectories as TUM files.
+    """Write the setting to use as a COLMAP project file, flags or JSON; all trials as CSV; trajectories as TUM files.
 
     Example: gtf-tune study export photos --format colmap-ini -o project.ini
     """
@@ -51,17 +51,14 @@ def export(
 
 
 def _choose(database: "Database", study: "Study", ordinal: int | None) -> "Trial":
-    from gtf_tune.errors import StorageError
     from gtf_tune.store import trials
+    from gtf_tune.study.recommendation import recommend
 
     if ordinal is not None:
         return trials.get(database, study.id, ordinal)
-    found = trials.best(database, study.id)
-    if found is None:
-        raise StorageError(
-            f"study '{study.name}' has no feasible trial to export; run it with: gtf-tune study run {study.name}"
-        )
-    return found
+    found = recommend(database, study.id, study.name)
+    say(f"verdict: {found.verdict}; writing trial {found.trial.ordinal}")
+    return found.trial
 
 
 def _settings(format_: str, definition: dict[str, Any], trial: "Trial") -> str:

@@ -23,6 +23,7 @@ from gtf_tune.cli.storage_access import open_storage
 if TYPE_CHECKING:
     from gtf_tune.store.trials import Trial
     from gtf_tune.study.picking import Pick
+    from gtf_tune.study.recommendation import Recommendation
 
 All = Annotated[bool, typer.Option("--all", help="Every trial, not only the best twenty and nominal.")]
 _SHOWN_TRIALS = 20
@@ -84,26 +85,28 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
 
 
 def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
-    """Print the nominal and the best setting, what the best is worth, and its options to paste.
+    """Print the nominal and the best setting, the verdict of the last confirmation, and the options to use.
 
     Example: gtf-tune study best photos
     """
-    from gtf_tune.errors import StorageError
     from gtf_tune.store import studies
     from gtf_tune.study.picking import pick
+    from gtf_tune.study.recommendation import UNCONFIRMED, recommend
 
     database = open_storage(storage)
     study = studies.get(database, name)
+    recommended = recommend(database, study.id, name)
     found = pick(database, study.id)
-    if found.best is None:
-        raise StorageError(f"study '{name}' has no feasible trial yet; run it with: gtf-tune study run {name}")
     definition = json_module.loads(study.definition)
     if json:
-        write_json(_pick_as_json(found))
+        write_json(_pick_as_json(found, recommended))
         return
-    _write_pick(found, definition)
-    say("unconfirmed: the best of many trials looks better than it is")
-    say(f"Next: gtf-tune study export {name} --format colmap-ini")
+    _write_pick(found, recommended, definition)
+    if recommended.verdict == UNCONFIRMED:
+        say("unconfirmed: the best of many trials looks better than it is")
+        say(f"Next: gtf-tune study confirm {name}")
+    else:
+        say(f"Next: gtf-tune study export {name} --format colmap-ini")
 
 
 def delete(
@@ -183,32 +186,45 @@ def _value(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _write_pick(found: "Pick", definition: Mapping[str, Any]) -> None:
-    best_trial = found.best
-    if best_trial is None:
-        return
+def _write_pick(found: "Pick", recommended: "Recommendation", definition: Mapping[str, Any]) -> None:
     pairs = {}
     if found.nominal is not None:
         pairs["nominal"] = f"GTF ATE {permille(found.nominal.value)} ‰ of the extent"
-    pairs["best"] = f"GTF ATE {permille(best_trial.value)} ‰ (trial {best_trial.ordinal})"
+    if found.best is not None:
+        pairs["best"] = f"GTF ATE {permille(found.best.value)} ‰ (trial {found.best.ordinal})"
     gain = found.improvement
     if found.is_nominal:
         pairs["improvement"] = "none: nothing beats the nominal setting"
     elif gain is not None:
         bounds = f"95 % interval {percent(-gain.high)} to {percent(-gain.low)}"
         pairs["change"] = f"{percent(-gain.value)} ({bounds}, {gain.instances} noisy runs, paired)"
+    pairs["verdict"] = _verdict(recommended)
     write_pairs(pairs)
     write_line("")
-    for name, value in {**definition["pipeline"]["options"], **(best_trial.options or {})}.items():
+    for name, value in {**definition["pipeline"]["options"], **(recommended.trial.options or {})}.items():
         write_line(f"{name} = {value}")
 
 
-def _pick_as_json(found: "Pick") -> dict[str, Any]:
+def _verdict(recommended: "Recommendation") -> str:
+    found = recommended.candidate
+    if not found or found["improvement"] is None:
+        return recommended.verdict
+    bounds = f"95 % interval {percent(-found['high'])} to {percent(-found['low'])}"
+    change = f"{percent(-found['improvement'])} on fresh noise ({bounds}, {found['instances']} noisy runs)"
+    word = (
+        f"{recommended.verdict} trial {recommended.trial.ordinal}" if recommended.trial.ordinal else recommended.verdict
+    )
+    return f"{word}; trial {found['ordinal']}: {change}"
+
+
+def _pick_as_json(found: "Pick", recommended: "Recommendation") -> dict[str, Any]:
     return {
         "nominal": vars(found.nominal) if found.nominal else None,
         "best": vars(found.best) if found.best else None,
         "improvement": vars(found.improvement) if found.improvement else None,
-        "verdict": "unconfirmed",
+        "verdict": recommended.verdict,
+        "recommended": vars(recommended.trial),
+        "confirmation": recommended.confirmation or None,
     }
 
 

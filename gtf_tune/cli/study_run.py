@@ -46,7 +46,7 @@ def run(
     Example: gtf-tune study run photos --jobs 4
     """
     database = open_storage(storage)
-    study = _open(database, name, sequence, allow_version_mismatch)
+    study = open_for_work(database, name, sequence, allow_version_mismatch)
     work_on(study, jobs or cores(), trial_parallel, cache_dir, no_cache=no_cache)
     _suggest_next(name, storage, database)
 
@@ -68,7 +68,7 @@ def resume(
     from gtf_tune.store import runs, studies, trials
 
     database = open_storage(storage)
-    study = _open(database, name, sequence, allow_version_mismatch)
+    study = open_for_work(database, name, sequence, allow_version_mismatch)
     counts = trials.counts(database, study.record.id)
     done = counts.get("complete", 0) + counts.get("pruned", 0)
     kept = len({one.run.key for one in runs.of_study(database, study.record.id)})
@@ -102,12 +102,17 @@ def work_on(
         raise typer.Exit(INTERRUPTED_EXIT_CODE)
 
 
-def _open(database: "Database", name: str, places: list[str] | None, allow_mismatch: bool) -> "OpenStudy":
+def open_for_work(database: "Database", name: str, places: list[str] | None, allow_mismatch: bool) -> "OpenStudy":
+    """Open a study whose sequences may lie elsewhere on this machine, as the flags say."""
     from gtf_tune.study.create import open_study
 
     hush_optuna()
-    folders = {one: Path(path) for one, path in (parse_pair(text, "--sequence") for text in places or [])}
-    return open_study(database, name, folders, allow_version_mismatch=allow_mismatch)
+    return open_study(database, name, place_folders(places), allow_version_mismatch=allow_mismatch)
+
+
+def place_folders(places: list[str] | None) -> dict[str, Path]:
+    """Return the folders of the sequences that ``--sequence NAME=PATH`` names."""
+    return {name: Path(path) for name, path in (parse_pair(text, "--sequence") for text in places or [])}
 
 
 def _suggest_next(name: str, storage: str, database: "Database") -> None:

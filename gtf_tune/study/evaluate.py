@@ -8,15 +8,14 @@ from typing import Any
 from gtf_tune.alignment import MIN_MATCHED
 from gtf_tune.definition import GtfDefinition, LimitsDefinition
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.execution import Executor, RunLimits
+from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.sequence import Sequence
+from gtf_tune.study.evaluation import run_limits
 from gtf_tune.study.objective import FinishedRun, SequenceScore, score_sequence
 from gtf_tune.study.plan import RunPlanner, run_order
 from gtf_tune.study.seeds import SeedSource
 from gtf_tune.validation import side_metric
-
-_GIB = 2**30
 
 
 @dataclass(frozen=True)
@@ -64,7 +63,7 @@ def evaluate_setting(
     if isinstance(gtf.noise_sigma, str):
         raise TypeError("the noise of one evaluation is a number; 'auto' belongs to studies")
     planner = RunPlanner(setting.pipeline, gtf, SeedSource(setting.seed), {})
-    limits = RunLimits(setting.limits.run_timeout_s, int(setting.limits.run_memory_gb * _GIB))
+    limits = run_limits(setting.limits)
     order = run_order(gtf.clean_runs, gtf.noisy_runs_max)
     sigma = gtf.noise_sigma
     futures = {

@@ -5,6 +5,7 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from gtf_tune.definition import LimitsDefinition
 from gtf_tune.execution import Executor, RunLimits
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
 from gtf_tune.store import runs
@@ -13,6 +14,7 @@ from gtf_tune.store.runs import StoredRun
 from gtf_tune.study.stop import STOP_NOW, StopRequest
 
 _POLL_S = 0.2
+_GIB = 2**30
 
 
 class Interrupted(Exception):
@@ -116,6 +118,11 @@ class _Batch:
         run = runs.save(self.source.database, self.requests[slot], outcome)
         self.finished[slot] = ObtainedRun(run, reused=False)
         self.source.listener.run_finished(slot, run, reused=False)
+
+
+def run_limits(limits: LimitsDefinition) -> RunLimits:
+    """Return the limits of one run as an executor takes them."""
+    return RunLimits(limits.run_timeout_s, int(limits.run_memory_gb * _GIB))
 
 
 def _wait_a_little(futures: Sequence["Future[RunOutcome]"]) -> None:

@@ -1,0 +1,1 @@
+"""Repeat the paper's experiments on every sequence with ground truth, and write docs/results.md."""

@@ -1,0 +1,69 @@
+"""Run what is planned and not stored yet; every finished run is kept, so that work goes on where it stopped."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from benchmarks.experiments.plan import TOP, Experiment
+from gtf_tune.execution import LocalExecutor, StageCache, default_cache_folder
+from gtf_tune.store import confirmations, studies
+from gtf_tune.store.database import Database
+from gtf_tune.study.confirm import confirm, plan_confirmation
+from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.evaluation import RunSource, run_limits
+from gtf_tune.study.events import Silent
+from gtf_tune.study.opened import OpenStudy
+from gtf_tune.study.stop import StopRequest
+from gtf_tune.study.worker import StudyWorker
+
+DATA_VARIABLE = "GTF_TUNE_DATA"
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Hold where results go, where the images are, and how many runs go side by side."""
+
+    database: Database
+    folders: Mapping[str, Path]
+    stop: StopRequest
+    jobs: int = 1
+
+
+def data_folders() -> dict[str, Path]:
+    """Return the folder of each sequence with ground truth under ``GTF_TUNE_DATA``."""
+    root = os.environ.get(DATA_VARIABLE)
+    if not root:
+        raise SystemExit(f"set {DATA_VARIABLE} to a folder of sequences with groundtruth.txt")
+    return {path.parent.name: path.parent for path in sorted(Path(root).absolute().glob("*/groundtruth.txt"))}
+
+
+def local_executor(jobs: int) -> LocalExecutor:
+    """Return an executor that shares the stage cache of the command line."""
+    folder = default_cache_folder()
+    return LocalExecutor(jobs, StageCache(folder), scratch=folder / "scratch")
+
+
+def run_grid(bench: Bench, experiment: Experiment) -> None:
+    """Complete the study of one experiment."""
+    with local_executor(bench.jobs) as executor:
+        StudyWorker(opened(bench, experiment), executor, bench.stop).work()
+
+
+def run_confirmation(bench: Bench, experiment: Experiment, noisy_runs: int) -> None:
+    """Confirm the best settings of a finished experiment, unless that is done."""
+    study = open_study(bench.database, experiment.study)
+    if confirmations.of_study(bench.database, study.record.id):
+        return
+    plan = plan_confirmation(study, {}, top=TOP, noisy_runs=noisy_runs)
+    with local_executor(bench.jobs) as executor:
+        limits = run_limits(study.definition.limits)
+        confirm(study, plan, RunSource(bench.database, executor, limits, bench.stop, Silent()))
+
+
+def opened(bench: Bench, experiment: Experiment) -> OpenStudy:
+    """Return the study of an experiment, created where it is new."""
+    if experiment.study not in studies.names(bench.database):
+        definition = checked_definition(experiment.definition(bench.folders[experiment.sequence]), experiment.study)
+        create_study(bench.database, definition, Path("/"))
+    return open_study(bench.database, experiment.study)

@@ -1,0 +1,117 @@
+"""Say what is measured: sequences with their noise, options with their values, and the order of work."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+CLEAN_RUNS = 2
+NOISY_RUNS = 6
+CONFIRMATION_RUNS = 12
+TOP = 2
+
+FIXED = MappingProxyType(
+    {
+        "mapper.bundle_adjustment.refine_focal_length": False,
+        "mapper.bundle_adjustment.refine_extra_params": False,
+    }
+)
+"""Intrinsics are known on every sequence here, so they are held fixed."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """Hold one option of the paper's table 2, its values on a grid, and the head of its column there."""
+
+    short: str
+    name: str
+    values: tuple[float, ...]
+    paper_column: str
+
+
+OPTIONS = MappingProxyType(
+    {
+        one.short: one
+        for one in (
+            Option(
+                "ba", "mapper.max_normalized_reproj_error", (3e-4, 1e-3, 2e-3, 4e-3, 1e-2, 2e-2, 5e-2), "Max. BA e_r"
+            ),
+            Option(
+                "huber",
+                "mapper.bundle_adjustment.ceres.loss_function_scale",
+                (0.03, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0),
+                "BA Huber loss",
+            ),
+            Option(
+                "twoview", "verification.ransac.max_error", (0.5, 1.0, 2.0, 3.0, 4.0, 8.0, 16.0), "2V geo. max. e_r"
+            ),
+            Option("ratio", "matching.sift.max_ratio", (0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9), "SIFT max. ratio"),
+            Option(
+                "peak",
+                "extraction.sift.peak_threshold",
+                (0.002, 0.0033, 0.005, 0.02 / 3, 0.01, 0.015, 0.02),
+                "SIFT ext. peak",
+            ),
+        )
+    }
+)
+
+SIGMAS = MappingProxyType({"dtu-scan24": 2.0, "fountain-P11": 5.0, "hut": 5.0, "kitti07": 5.0, "kitti06": 5.0})
+"""Noise in grey levels; 384 x 384 images with few features need less (docs/results.md, noise ladder)."""
+
+DEFAULT_SIGMA = 5.0
+_CHEAP = ("ba", "huber", "twoview")
+_SMALL = ("dtu-scan24", "fountain-P11")
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Name one grid: a sequence, an option and the noise."""
+
+    sequence: str
+    option: Option
+    sigma: float
+
+    @property
+    def study(self) -> str:
+        """Return the name of its study."""
+        return f"{self.sequence}.{self.option.short}.s{self.sigma:g}"
+
+    def definition(self, path: Path) -> dict[str, Any]:
+        """Return the definition of its study; ``path`` is the folder of the sequence."""
+        return {
+            "name": self.study,
+            "pipeline": {"name": "glomap", "options": dict(FIXED)},
+            "sequences": [{"name": self.sequence, "path": str(path)}],
+            "space": {self.option.name: {"values": list(self.option.values)}},
+            "gtf": {
+                "clean_runs": CLEAN_RUNS,
+                "noisy_runs": NOISY_RUNS,
+                "noise_sigma": self.sigma,
+                "aggregate": "gmean",
+            },
+            "search": {"sampler": "grid"},
+        }
+
+
+def experiments(
+    found: Mapping[str, Path], sequences: Sequence[str] = (), options: Sequence[str] = ()
+) -> list[Experiment]:
+    """Return the grids to measure, the cheap ones on small sequences first.
+
+    ``found`` are the sequences that exist; ``sequences`` and ``options`` choose among them, all where empty.
+    """
+    chosen = [name for name in (sequences or sorted(found)) if name in found]
+    kinds = [OPTIONS[name] for name in (options or OPTIONS)]
+    planned = [Experiment(name, option, SIGMAS.get(name, DEFAULT_SIGMA)) for name in chosen for option in kinds]
+    return sorted(planned, key=_urgency)
+
+
+def _urgency(one: Experiment) -> tuple[bool, bool, int, int]:
+    ranks = list(OPTIONS)
+    known = list(SIGMAS)
+    rank = known.index(one.sequence) if one.sequence in known else len(known)
+    option = ranks.index(one.option.short)
+    small = one.sequence in _SMALL
+    return (not small, one.option.short not in _CHEAP, option if small else rank, rank if small else option)

@@ -1,0 +1,166 @@
+"""Measure a study's best settings again, with noise that the search never saw, and say which to adopt.
+
+The best of many trials looks better than it is: it was chosen for its luck too. Here nominal and the top candidates run
+on fresh noise and fresh seeds, on the searched sequences and on those held out, and are compared noise instance by
+noise instance.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from gtf_tune.errors import DefinitionError
+from gtf_tune.gtf import GtfScore, gtf_score
+from gtf_tune.pipelines import OptionValue
+from gtf_tune.pipelines.run import RunRequest
+from gtf_tune.sequence import Sequence
+from gtf_tune.store import confirmations, studies, trials
+from gtf_tune.store.confirmations import Confirmation
+from gtf_tune.store.trajectories import trajectories
+from gtf_tune.store.trials import Trial
+from gtf_tune.study.confirm_verdict import Findings, Measured, judge
+from gtf_tune.study.evaluation import RunSlot, RunSource
+from gtf_tune.study.objective import settings_of
+from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence
+from gtf_tune.study.plan import RunPlanner, run_order
+from gtf_tune.study.seeds import SeedSource
+
+DEFAULT_TOP = 3
+DEFAULT_RUNS = 12
+"""Noisy runs of each setting and sequence; benchmarks/confirmation_power.py shows what they can tell apart."""
+
+_FEWEST_RUNS = 4
+
+
+@dataclass(frozen=True)
+class ConfirmationPlan:
+    """Say what is confirmed: the settings, the sequences by name, how many noisy runs, and which seeds.
+
+    ``round`` counts the confirmations of the study from 1. Each has noise of its own; one that was interrupted goes on
+    with the same.
+    """
+
+    nominal: Trial
+    candidates: tuple[Trial, ...]
+    sequences: Mapping[str, Sequence]
+    noisy_runs: int
+    round: int
+
+    @property
+    def purpose(self) -> str:
+        """Return what its seeds are derived from."""
+        return f"confirm:{self.round}"
+
+
+def plan_confirmation(
+    study: OpenStudy, places: Mapping[str, Path], *, top: int = DEFAULT_TOP, noisy_runs: int = DEFAULT_RUNS
+) -> ConfirmationPlan:
+    """Return what a confirmation of the study as it stands consists of.
+
+    Candidates are the complete feasible trials with values below nominal's, the best ``top`` with different options.
+    ``places`` gives the folders of sequences that lie elsewhere here.
+
+    Raises
+    ------
+    DefinitionError
+        There are too few noisy runs to tell anything, or no nominal trial is complete.
+    """
+    if noisy_runs < _FEWEST_RUNS:
+        raise DefinitionError(
+            f"a confirmation needs at least {_FEWEST_RUNS} noisy runs, not {noisy_runs}; raise --runs"
+        )
+    database, name = study.database, study.definition.name
+    known = [one for one in trials.of_study(database, study.record.id) if one.state == "complete"]
+    nominal = next((one for one in known if one.ordinal == 0), None)
+    if nominal is None:
+        raise DefinitionError(f"study '{name}' has no complete nominal trial; run it with: gtf-tune study run {name}")
+    earlier = confirmations.of_study(database, study.record.id)
+    return ConfirmationPlan(
+        nominal, _candidates(known, nominal, top), _all_sequences(study, places), noisy_runs, len(earlier) + 1
+    )
+
+
+def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Confirmation:
+    """Run a plan, judge the candidates, store the outcome and return it.
+
+    Raises
+    ------
+    Interrupted
+        Someone asked to stop; finished runs are stored, and the next call goes on with them.
+    """
+    keys: list[str] = []
+    measured = []
+    for trial in (plan.nominal, *plan.candidates) if plan.candidates else ():
+        scores, used = _measure(study, plan, trial.options or {}, source)
+        measured.append(Measured(trial.ordinal, trial.options or {}, scores))
+        keys += used
+    holdouts = frozenset(plan.sequences) - frozenset(study.sequences)
+    findings = Findings(measured[0] if measured else None, tuple(measured[1:]), holdouts)
+    result = judge(findings, study.definition.gtf)
+    definition = {
+        "ordinals": [plan.nominal.ordinal, *(one.ordinal for one in plan.candidates)],
+        "sequences": list(plan.sequences),
+        "clean_runs": study.definition.gtf.clean_runs,
+        "noisy_runs": plan.noisy_runs,
+        "purpose": plan.purpose,
+        "run_keys": keys,
+    }
+    outcome = {**result, "runs": plan.noisy_runs}
+    return confirmations.add(study.database, study.record.id, definition, outcome, result["verdict"])
+
+
+def _candidates(known: list[Trial], nominal: Trial, top: int) -> tuple[Trial, ...]:
+    better = [one for one in known if one.ordinal and one.feasible and one.value is not None and one.options]
+    if nominal.feasible and nominal.value is not None:
+        better = [one for one in better if one.value is not None and one.value < nominal.value]
+    chosen: list[Trial] = []
+    for trial in sorted(better, key=lambda one: (one.value, one.ordinal)):
+        if len(chosen) < top and all(trial.options != one.options for one in (nominal, *chosen)):
+            chosen.append(trial)
+    return tuple(chosen)
+
+
+def _all_sequences(study: OpenStudy, places: Mapping[str, Path]) -> dict[str, Sequence]:
+    """Return the searched sequences and those held out, checked to be what the study began with."""
+    expected = {one.name: one.fingerprint for one in studies.sequences(study.database, study.record.id)}
+    found = dict(study.sequences)
+    for one in study.definition.sequences:
+        if one.holdout:
+            found[one.name] = load_defined_sequence(one, Path(study.record.root), places.get(one.name))
+            check_fingerprint(found[one.name], expected[one.name])
+    return found
+
+
+def _measure(
+    study: OpenStudy, plan: ConfirmationPlan, options: Mapping[str, OptionValue], source: RunSource
+) -> tuple[dict[str, GtfScore], list[str]]:
+    """Return the score of one setting on every sequence, and the keys of its runs."""
+    requests = _requests(study, plan, options)
+    obtained = source.obtain(requests)
+    found = trajectories(study.database, [one.run.key for one in obtained.values()])
+    settings = settings_of(study.definition.gtf)
+    scores = {}
+    for name, sequence in plan.sequences.items():
+        by_kind = {
+            kind: [found[one.run.key] for slot, one in obtained.items() if (slot.sequence, slot.kind) == (name, kind)]
+            for kind in ("clean", "noisy")
+        }
+        scores[name] = gtf_score(by_kind["clean"], by_kind["noisy"], settings, num_frames=len(sequence))
+    return scores, [one.run.key for one in obtained.values()]
+
+
+def _requests(
+    study: OpenStudy, plan: ConfirmationPlan, options: Mapping[str, OptionValue]
+) -> dict[RunSlot, RunRequest]:
+    definition = study.definition
+    # Settings are compared under the same noise, even where the search drew it anew for every trial.
+    gtf = definition.gtf.model_copy(update={"common_noise": True})
+    seeds = SeedSource(definition.search.seed, purpose=plan.purpose)
+    planner = RunPlanner(study.pipeline, gtf, seeds, definition.pipeline.options)
+    return {
+        RunSlot(name, kind, index): planner.request(
+            sequence, options, (kind, index), sigma=study.sigmas[name], ordinal=0
+        )
+        for name, sequence in plan.sequences.items()
+        for kind, index in run_order(gtf.clean_runs, plan.noisy_runs)
+    }

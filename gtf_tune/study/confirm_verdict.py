@@ -1,0 +1,186 @@
+"""Judge candidates by runs that the search never saw: adopt one, or keep nominal.
+
+A candidate is adopted only if all of this holds: it is better over the searched sequences, significantly so after
+correction for the number of candidates (Holm); no sequence, held out or not, is significantly worse; every run reaches
+the coverage floor; no more noisy runs collapse than under nominal.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from gtf_tune.definition import GtfDefinition
+from gtf_tune.errors import TrajectoryError
+from gtf_tune.gtf import GtfScore, PairedDifference, holm, paired_difference
+from gtf_tune.pipelines import OptionValue
+
+ADOPT = "adopt"
+KEEP = "keep nominal"
+
+SIGNIFICANCE = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """Hold one setting with its fresh score on each sequence."""
+
+    ordinal: int
+    options: Mapping[str, OptionValue]
+    scores: Mapping[str, GtfScore]
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """Hold what a confirmation measured; ``nominal`` is None where there was no candidate to measure.
+
+    ``holdouts`` are the sequences that the search did not see: they can prevent an adoption, not earn it.
+    """
+
+    nominal: Measured | None
+    candidates: tuple[Measured, ...]
+    holdouts: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Hold one candidate beside nominal: over the searched sequences together, and on each sequence.
+
+    A difference is None where it cannot be told; ``faults`` say what speaks against the candidate.
+    """
+
+    candidate: Measured
+    together: PairedDifference | None
+    by_sequence: Mapping[str, PairedDifference | None]
+    faults: tuple[str, ...]
+
+
+def judge(findings: Findings, gtf: GtfDefinition) -> dict[str, Any]:
+    """Return the verdict with each candidate's improvement, its interval, and the reasons, as stored and printed."""
+    nominal = findings.nominal
+    if nominal is None:
+        return {"verdict": KEEP, "adopted": None, "candidates": [], "nominal": None}
+    compared = [_compare(nominal, one, findings.holdouts, gtf) for one in findings.candidates]
+    adjusted = holm([1.0 if one.together is None else one.together.p_value for one in compared])
+    rows = [_row(one, float(p), nominal, findings.holdouts) for one, p in zip(compared, adjusted, strict=True)]
+    adopted = max((row for row in rows if row["verdict"] == ADOPT), key=lambda row: row["improvement"], default=None)
+    return {
+        "verdict": ADOPT if adopted else KEEP,
+        "adopted": adopted["ordinal"] if adopted else None,
+        "candidates": rows,
+        "nominal": {
+            "ordinal": nominal.ordinal,
+            "options": dict(nominal.options),
+            "by_sequence": {name: _facts(score) for name, score in nominal.scores.items()},
+        },
+    }
+
+
+def _compare(nominal: Measured, candidate: Measured, holdouts: frozenset[str], gtf: GtfDefinition) -> _Compared:
+    searched = [name for name in nominal.scores if name not in holdouts]
+    by_sequence = {name: _difference(nominal.scores[name], candidate.scores[name]) for name in nominal.scores}
+    together = _difference(
+        joined([nominal.scores[name] for name in searched]), joined([candidate.scores[name] for name in searched])
+    )
+    faults = [
+        fault for name in nominal.scores for fault in _faults(name, nominal.scores[name], candidate.scores[name], gtf)
+    ]
+    faults += [f"worse on {name}" for name, found in by_sequence.items() if found is not None and _is_worse(found)]
+    return _Compared(candidate, together, by_sequence, tuple(faults))
+
+
+def joined(scores: Sequence[GtfScore]) -> GtfScore:
+    """Return one score over sequences: pair by pair the geometric mean of errors, collapsed where any sequence did.
+
+    Ratios of two such scores are the geometric mean over sequences of ratios, whatever the units are. Noise instances
+    of different sequences are independent, so which of them are put together does not matter.
+    """
+    if len(scores) == 1:
+        return scores[0]
+    with np.errstate(divide="ignore"):
+        matrix = np.exp(np.mean([np.log(one.matrix) for one in scores], axis=0))
+    return replace(scores[0], matrix=matrix, collapsed=np.any([one.collapsed for one in scores], axis=0))
+
+
+def _difference(nominal: GtfScore, candidate: GtfScore) -> PairedDifference | None:
+    try:
+        return paired_difference(nominal, candidate)
+    except TrajectoryError:
+        return None
+
+
+def _is_worse(found: PairedDifference) -> bool:
+    return found.ratio > 1 and found.p_value < SIGNIFICANCE
+
+
+def _faults(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinition) -> list[str]:
+    floor = gtf.coverage_floor * float(nominal.coverage_clean.min())
+    coverage = _least_coverage(candidate)
+    found = []
+    if coverage < floor:
+        found.append(f"a run on {name} registered {coverage:.0%} of the frames, less than {floor:.0%}")
+    if candidate.collapsed.sum() > nominal.collapsed.sum():
+        count = candidate.collapsed.size
+        found.append(
+            f"{int(candidate.collapsed.sum())} of {count} noisy runs on {name} collapsed, "
+            f"{int(nominal.collapsed.sum())} under nominal"
+        )
+    new_errors = [reason for pair, reason in candidate.pair_errors.items() if pair not in nominal.pair_errors]
+    if new_errors:
+        found.append(f"runs on {name} cannot be compared: {new_errors[0]}")
+    return found
+
+
+def _row(one: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> dict[str, Any]:
+    reasons = list(one.faults)
+    if one.together is None:
+        reasons.append("cannot be compared with nominal: too few runs worked under both")
+    elif one.together.ratio >= 1 or adjusted >= SIGNIFICANCE:
+        reasons.append("not significantly better than nominal")
+    return {
+        "ordinal": one.candidate.ordinal,
+        "options": dict(one.candidate.options),
+        **_improvement(one.together),
+        "adjusted_p_value": adjusted,
+        "verdict": KEEP if reasons else ADOPT,
+        "reasons": reasons,
+        "by_sequence": {
+            name: {**_facts(score), **_improvement(one.by_sequence[name]), "holdout": name in holdouts}
+            for name, score in one.candidate.scores.items()
+        },
+        "value": _relative(one, nominal),
+    }
+
+
+def _relative(one: _Compared, nominal: Measured) -> float | None:
+    """Return the candidate's score: of the only sequence, or over sequences relative to nominal."""
+    scores = one.candidate.scores
+    if len(nominal.scores) == 1:
+        return _known(next(iter(scores.values())).value)
+    return _known(one.together.ratio) if one.together else None
+
+
+def _improvement(found: PairedDifference | None) -> dict[str, float | int | None]:
+    if found is None:
+        return {"improvement": None, "low": None, "high": None, "p_value": None, "instances": 0}
+    return {
+        "improvement": 1 - found.ratio,
+        "low": 1 - found.high,
+        "high": 1 - found.low,
+        "p_value": found.p_value,
+        "instances": found.n,
+    }
+
+
+def _facts(score: GtfScore) -> dict[str, Any]:
+    return {"value": _known(score.value), "coverage": _least_coverage(score), "collapsed": int(score.collapsed.sum())}
+
+
+def _least_coverage(score: GtfScore) -> float:
+    return float(min(score.coverage_clean.min(), score.coverage_noisy.min()))
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,54 @@
+"""Say which setting of a study to use, as far as its confirmation allows."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gtf_tune.errors import StorageError
+from gtf_tune.store import confirmations, trials
+from gtf_tune.store.database import Database
+from gtf_tune.store.trials import Trial
+from gtf_tune.study.confirm_verdict import ADOPT, KEEP
+
+UNCONFIRMED = "unconfirmed"
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """Hold the trial to use and the verdict behind it: *adopt*, *keep nominal* or *unconfirmed*.
+
+    ``confirmation`` is the result of the last confirmation, empty where there is none, or where the best trial of today
+    was not among its candidates.
+    """
+
+    trial: Trial
+    verdict: str
+    confirmation: Mapping[str, Any]
+
+    @property
+    def candidate(self) -> Mapping[str, Any]:
+        """Return what the confirmation found about the adopted setting, else about the most promising one."""
+        found = list(self.confirmation.get("candidates") or ())
+        adopted = [one for one in found if one["verdict"] == ADOPT]
+        return max(adopted or found, key=lambda one: one["improvement"] or float("-inf"), default={})
+
+
+def recommend(database: Database, study_id: int, name: str) -> Recommendation:
+    """Return the adopted trial, or nominal where the confirmation keeps it, or the best one so far, unconfirmed.
+
+    Raises
+    ------
+    StorageError
+        There is no feasible trial yet.
+    """
+    best = trials.best(database, study_id)
+    if best is None:
+        raise StorageError(f"study '{name}' has no feasible trial yet; run it with: gtf-tune study run {name}")
+    known = confirmations.of_study(database, study_id)
+    result = known[-1].result if known else {}
+    confirmed = {0, *(one["ordinal"] for one in result.get("candidates") or ())}
+    if not known or best.ordinal not in confirmed:
+        return Recommendation(best, UNCONFIRMED, {})
+    if known[-1].verdict == ADOPT:
+        return Recommendation(trials.get(database, study_id, result["adopted"]), ADOPT, result)
+    return Recommendation(trials.get(database, study_id, 0), KEEP, result)

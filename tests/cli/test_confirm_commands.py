@@ -1,0 +1,52 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Cli
+
+CREATE = ("study", "create", "small", "-p", "analytic", "-s", "room", "-k", "2", "-K", "4", "--sampler", "grid")
+AXIS = ("-v", "filter.max_error=0.01,0.003,0.05")
+CONFIRM = ("study", "confirm", "small", "--top", "1", "--runs", "10", "--jobs", "1")
+
+
+@pytest.fixture
+def tuned(cli: Cli, room: Path) -> Cli:
+    """Return the command line beside a finished study in which one setting is clearly better than nominal."""
+    cli(*CREATE, *AXIS)
+    cli("study", "run", "small", "--jobs", "1")
+    return cli
+
+
+def test_best_says_unconfirmed_until_it_is_confirmed(tuned: Cli) -> None:
+    before = tuned("study", "best", "small")
+
+    assert "unconfirmed" in before.err
+    assert json.loads(tuned("study", "best", "small", "--json").out)["verdict"] == "unconfirmed"
+
+
+def test_a_confirmed_setting_is_the_one_that_best_and_export_give(tuned: Cli) -> None:
+    said = tuned(*CONFIRM)
+    best = json.loads(tuned("study", "best", "small", "--json").out)
+    exported = tuned("study", "export", "small", "--format", "json")
+
+    assert "verdict: adopt trial" in said.out
+    assert best["verdict"] == "adopt"
+    assert json.loads(exported.out) == {"filter": {"max_error": best["recommended"]["options"]["filter.max_error"]}}
+    assert "verdict: adopt" in exported.err
+
+
+def test_a_confirmation_as_json_holds_effect_interval_and_p_value(tuned: Cli) -> None:
+    (candidate,) = json.loads(tuned(*CONFIRM, "--json").out)["candidates"]
+
+    assert candidate["low"] < candidate["improvement"] < candidate["high"]
+    assert candidate["p_value"] <= candidate["adjusted_p_value"] < 0.05
+
+
+def test_a_confirmation_of_a_study_that_never_ran_says_what_to_do(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS)
+
+    said = cli(*CONFIRM)
+
+    assert said.code == 1
+    assert "gtf-tune study run small" in said.err

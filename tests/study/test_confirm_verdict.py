@@ -1,0 +1,136 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gtf_tune.definition import GtfDefinition
+from gtf_tune.gtf import GtfScore
+from gtf_tune.study.confirm_verdict import Findings, Measured, joined, judge
+
+GTF = GtfDefinition()
+NOISY = 12
+
+
+def score(size: float, *, seed: int = 0, spread: float = 0.05, collapsed: int = 0, coverage: float = 1.0) -> GtfScore:
+    """Return a made-up score: noise instances are common to all, ``spread`` is this setting's own."""
+    common = 0.3 * np.random.default_rng(99).standard_normal(NOISY)
+    own = spread * np.random.default_rng(seed).standard_normal((2, NOISY))
+    matrix = size * np.exp(common + own)
+    flags = np.arange(NOISY) < collapsed
+    return GtfScore(
+        value=float(matrix.mean()),
+        standard_error=math.nan,
+        confidence_interval=(math.nan, math.nan),
+        matrix=np.where(flags, 100 * matrix, matrix),
+        pair_errors={},
+        coverage_clean=np.full(2, coverage),
+        coverage_noisy=np.full(NOISY, coverage),
+        extents=np.ones((2, NOISY)),
+        matched=np.full((2, NOISY), 50),
+        collapsed=flags,
+    )
+
+
+def findings(*candidates: dict[str, GtfScore], nominal: dict[str, GtfScore], **more: frozenset[str]) -> Findings:
+    measured = tuple(Measured(number, {"option": number}, one) for number, one in enumerate(candidates, start=1))
+    return Findings(Measured(0, {}, nominal), measured, **more)
+
+
+def test_a_clear_improvement_is_adopted() -> None:
+    result = judge(findings({"a": score(0.7, seed=1)}, nominal={"a": score(1.0)}), GTF)
+
+    assert (result["verdict"], result["adopted"]) == ("adopt", 1)
+    assert result["candidates"][0]["improvement"] == pytest.approx(0.3, abs=0.05)
+
+
+def test_no_difference_keeps_nominal() -> None:
+    result = judge(findings({"a": score(1.0, seed=1, spread=0.2)}, nominal={"a": score(1.0)}), GTF)
+
+    assert result["verdict"] == "keep nominal"
+    assert result["candidates"][0]["reasons"] == ["not significantly better than nominal"]
+
+
+def test_the_best_of_several_adoptable_candidates_is_adopted() -> None:
+    found = findings({"a": score(0.8, seed=1)}, {"a": score(0.6, seed=2)}, nominal={"a": score(1.0)})
+
+    assert judge(found, GTF)["adopted"] == 2
+
+
+def test_several_candidates_raise_the_bar() -> None:
+    candidate, nominal = {"a": score(0.95, seed=3, spread=0.07)}, {"a": score(1.0, spread=0.02)}
+    alone = judge(findings(candidate, nominal=nominal), GTF)["candidates"][0]
+    among = judge(findings(candidate, candidate, candidate, nominal=nominal), GTF)["candidates"][0]
+
+    assert among["adjusted_p_value"] == pytest.approx(3 * alone["adjusted_p_value"])
+
+
+def test_more_collapsed_runs_than_nominal_prevent_an_adoption() -> None:
+    result = judge(findings({"a": score(0.7, seed=1, collapsed=1)}, nominal={"a": score(1.0)}), GTF)
+
+    assert result["verdict"] == "keep nominal"
+    assert "collapsed" in result["candidates"][0]["reasons"][0]
+
+
+def test_a_run_below_the_coverage_floor_prevents_an_adoption() -> None:
+    result = judge(findings({"a": score(0.7, seed=1, coverage=0.9)}, nominal={"a": score(1.0)}), GTF)
+
+    assert result["verdict"] == "keep nominal"
+    assert "90% of the frames, less than 95%" in result["candidates"][0]["reasons"][0]
+
+
+def test_a_regression_on_a_held_out_sequence_prevents_an_adoption() -> None:
+    result = judge(
+        findings(
+            {"a": score(0.5, seed=1), "held": score(1.3, seed=2)},
+            nominal={"a": score(1.0), "held": score(1.0)},
+            holdouts=frozenset({"held"}),
+        ),
+        GTF,
+    )
+
+    assert result["verdict"] == "keep nominal"
+    assert result["candidates"][0]["reasons"] == ["worse on held"]
+
+
+def test_a_held_out_sequence_does_not_earn_an_adoption() -> None:
+    result = judge(
+        findings(
+            {"a": score(1.0, seed=1, spread=0.2), "held": score(0.2, seed=2)},
+            nominal={"a": score(1.0), "held": score(1.0)},
+            holdouts=frozenset({"held"}),
+        ),
+        GTF,
+    )
+
+    assert result["verdict"] == "keep nominal"
+
+
+def test_several_sequences_count_by_their_geometric_mean_whatever_their_units() -> None:
+    nominal = {"a": score(1.0), "b": score(1000.0, seed=1)}
+    candidate = {"a": score(0.5, seed=2), "b": score(900.0, seed=3)}
+
+    found = judge(findings(candidate, nominal=nominal), GTF)["candidates"][0]
+
+    assert 1 - found["improvement"] == pytest.approx(math.sqrt(0.5 * 0.9), rel=0.05)
+
+
+def test_joined_scores_are_collapsed_where_any_sequence_is() -> None:
+    first, second = score(1.0, collapsed=1), score(2.0, seed=1)
+    second = replace(second, collapsed=np.arange(NOISY) == 3)
+
+    assert np.flatnonzero(joined([first, second]).collapsed).tolist() == [0, 3]
+
+
+def test_a_nominal_that_never_works_cannot_be_compared_with() -> None:
+    nothing = score(1.0)
+    nothing = replace(nothing, matrix=np.full((2, NOISY), np.nan), coverage_clean=np.zeros(2))
+
+    result = judge(findings({"a": score(0.5)}, nominal={"a": nothing}), GTF)
+
+    assert result["verdict"] == "keep nominal"
+    assert "cannot be compared with nominal" in result["candidates"][0]["reasons"][0]
+
+
+def test_without_candidates_nominal_is_kept() -> None:
+    assert judge(Findings(None, ()), GTF)["verdict"] == "keep nominal"
