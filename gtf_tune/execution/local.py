@@ -4,8 +4,8 @@ import signal
 import threading
 from collections import deque
 from concurrent.futures import CancelledError, Future
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
-from multiprocessing import get_context
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -13,11 +13,12 @@ from typing import Self
 import psutil
 from pebble import ProcessExpired, ProcessPool
 
+from gtf_tune.errors import StorageError
 from gtf_tune.execution.base import RunLimits
 from gtf_tune.execution.child import execute, versions_of
 from gtf_tune.execution.paths import RunPaths, Scratch, default_cache_folder
-from gtf_tune.execution.process import initialise_worker
 from gtf_tune.execution.stages import FreshStages, StageStore
+from gtf_tune.execution.workers import Workers
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.trajectory import Trajectory
 
@@ -31,6 +32,7 @@ class _Item:
     limits: RunLimits
     future: "Future[RunOutcome]" = field(default_factory=Future)
     paths: RunPaths | None = None
+    pool: ProcessPool | None = None
     expected_bytes: int = 0
     tries: int = 0
 
@@ -70,7 +72,7 @@ class LocalExecutor:
         self._peaks: dict[tuple[str, str], int] = {}
         self._lock = threading.RLock()
         self._closed = False
-        self._pool = ProcessPool(max_workers=jobs, initializer=initialise_worker, context=get_context("spawn"))
+        self._workers = Workers()
 
     def submit(self, request: RunRequest, limits: RunLimits) -> "Future[RunOutcome]":
         """Queue a run; the future ends when the run does."""
@@ -95,11 +97,19 @@ class LocalExecutor:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         """Stop all runs and leave no process and no file behind."""
-        self._closed = True
+        with self._lock:
+            self._closed = True
         self.cancel_waiting()
-        self._pool.stop()
-        self._pool.join()
+        self._workers.close()
+        self._abandon_running()
         self._scratch.close()
+
+    def _abandon_running(self) -> None:
+        """End the futures of runs that stopped workers will never speak of again."""
+        with self._lock:
+            left = [item for item in self._running if not item.future.done()]
+        for item in left:
+            item.future.set_exception(CancelledError())
 
     def _start_what_fits(self) -> None:
         with self._lock:
@@ -107,9 +117,11 @@ class LocalExecutor:
                 self._start(self._waiting.popleft())
 
     def _fits(self, item: _Item) -> bool:
+        item.expected_bytes = int(self._peaks.get(_kind_of(item.request), 0) * _MEMORY_MARGIN)
+        if item.tries:  # it was killed, perhaps for want of memory: it gets all of it
+            item.expected_bytes = self._memory_bytes
         if not self._running:
             return True
-        item.expected_bytes = int(self._peaks.get(_kind_of(item.request), 0) * _MEMORY_MARGIN)
         reserved = sum(other.expected_bytes for other in self._running)
         return len(self._running) < self._jobs and reserved + item.expected_bytes <= self._memory_bytes
 
@@ -120,12 +132,26 @@ class LocalExecutor:
         item.paths.create()
         item.tries += 1
         self._running.append(item)
-        arguments = (item.request, item.limits, item.paths, self._stages)
-        started = self._pool.schedule(execute, args=arguments, timeout=item.limits.timeout_s)
+        try:
+            started = self._schedule(item)
+        except StorageError as error:
+            started = Future()
+            started.set_exception(error)
         started.add_done_callback(lambda done: self._finish(item, done))
+
+    def _schedule(self, item: _Item) -> "Future[RunOutcome]":
+        arguments = (item.request, item.limits, item.paths, self._stages)
+        item.pool = self._workers.take()
+        try:
+            started: Future[RunOutcome] = item.pool.schedule(execute, args=arguments, timeout=item.limits.timeout_s)
+        except RuntimeError as error:  # the idle process was killed this very moment
+            started = Future()
+            started.set_exception(BrokenProcessPool(str(error)))
+        return started
 
     def _finish(self, item: _Item, done: "Future[RunOutcome]") -> None:
         outcome, error = self._outcome(item, done)
+        self._part_with(item, done)
         with self._lock:
             self._running.remove(item)
             if outcome is not None and outcome.peak_memory_bytes:
@@ -149,14 +175,28 @@ class LocalExecutor:
         error = done.exception()
         if error is None:
             return done.result(), None
+        if self._closed:
+            return None, CancelledError()
         if isinstance(error, TimeoutError):
             return _failure(item, f"no result within {item.limits.timeout_s:g} s (limits.run_timeout_s)"), None
-        if isinstance(error, ProcessExpired):
-            killed = error.exitcode == -signal.SIGKILL
-            if killed and item.tries < _KILLED_TRIES and not self._closed:
+        if isinstance(error, ProcessExpired | BrokenProcessPool):
+            exitcode = error.exitcode or 0 if isinstance(error, ProcessExpired) else -signal.SIGKILL
+            if exitcode == -signal.SIGKILL and item.tries < _KILLED_TRIES:
                 return None, None
-            return _failure(item, _death(error.exitcode or 0, item.tries)), None
+            return _failure(item, _death(exitcode, item.tries)), None
         return None, error
+
+    def _part_with(self, item: _Item, done: "Future[RunOutcome]") -> None:
+        """Keep the run's process for the next run if it is still there and sound."""
+        if item.pool is None:
+            return
+        error = None if done.cancelled() else done.exception()
+        died = isinstance(error, TimeoutError | ProcessExpired | BrokenProcessPool)
+        if done.cancelled() or died or self._closed:
+            self._workers.end(item.pool)
+        else:
+            self._workers.give_back(item.pool)
+        item.pool = None
 
 
 def _kind_of(request: RunRequest) -> tuple[str, str]:

@@ -1,0 +1,81 @@
+"""Keep worker processes at hand, each so much on its own that the death of one harms no other."""
+
+import threading
+from multiprocessing import get_context
+
+from pebble import ProcessPool
+
+from gtf_tune.errors import StorageError
+from gtf_tune.execution.process import initialise_worker
+
+_TRIES = 3
+
+
+class Workers:
+    """Lend single worker processes and take them back, so that importing a pipeline is paid once.
+
+    Every process has a pebble pool of its own. Processes of one pool share locks: one that is killed while it holds a
+    lock blocks the others for ever, and a pool whose idle process is killed refuses all further work. A pool of one is
+    simply replaced. Safe to use from several threads.
+    """
+
+    def __init__(self) -> None:
+        self._idle: list[ProcessPool] = []
+        self._lent: set[ProcessPool] = set()
+        self._ending: list[threading.Thread] = []
+        self._lock = threading.Lock()
+
+    def take(self) -> ProcessPool:
+        """Return a pool of one process for a single run.
+
+        Raises
+        ------
+        StorageError
+            This machine cannot start another process.
+        """
+        for _ in range(_TRIES):
+            pool = self._idle_or_new()
+            if pool.active:
+                return pool
+            self.end(pool)
+        raise StorageError("this machine cannot start another process; end other programs, then resume the study")
+
+    def give_back(self, pool: ProcessPool) -> None:
+        """Keep a pool whose process has ended its run in peace."""
+        with self._lock:
+            self._lent.discard(pool)
+            self._idle.append(pool)
+
+    def end(self, pool: ProcessPool) -> None:
+        """End a pool and its process, without waiting for it: the pool's own threads call this."""
+        thread = threading.Thread(target=_end, args=(pool,), name="end-worker", daemon=True)
+        with self._lock:
+            if pool not in self._lent:
+                return
+            self._lent.remove(pool)
+            self._ending = [other for other in self._ending if other.is_alive()] + [thread]
+        thread.start()
+
+    def close(self) -> None:
+        """End every process, also those that are lent, and wait for their end."""
+        with self._lock:
+            self._lent.update(self._idle)
+            self._idle.clear()
+        for pool in list(self._lent):
+            self.end(pool)
+        for thread in list(self._ending):
+            thread.join()
+
+    def _idle_or_new(self) -> ProcessPool:
+        with self._lock:
+            if self._idle:
+                pool = self._idle.pop()
+            else:
+                pool = ProcessPool(max_workers=1, initializer=initialise_worker, context=get_context("spawn"))
+            self._lent.add(pool)
+            return pool
+
+
+def _end(pool: ProcessPool) -> None:
+    pool.stop()
+    pool.join()

@@ -1,0 +1,134 @@
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import CancelledError
+from pathlib import Path
+
+import psutil
+import pytest
+
+from gtf_tune.errors import StorageError
+from gtf_tune.execution import Executor, LocalExecutor
+from gtf_tune.execution.paths import Scratch
+from tests.execution.doubles import Hanging, analytic, request_of
+from tests.execution.executor_contract import LIMITS, WAIT_S, ExecutorContract, outcome_of
+
+HANGING_PARENT = """
+import sys
+from pathlib import Path
+from gtf_tune.execution import LocalExecutor, RunLimits
+from tests.execution.doubles import Hanging, request_of
+
+if __name__ == "__main__":
+    folder = Path(sys.argv[1])
+    with LocalExecutor(jobs=1, scratch=folder / "scratch") as executor:
+        future = executor.submit(request_of(Hanging(folder / "pid")), RunLimits(600.0, 2**30))
+        print("started", flush=True)
+        future.result()
+"""
+
+
+@pytest.fixture(scope="module")
+def executor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Executor]:
+    with LocalExecutor(jobs=2, scratch=tmp_path_factory.mktemp("scratch")) as executor:
+        yield executor
+
+
+class TestLocalExecutor(ExecutorContract):
+    """Check the promises of every executor."""
+
+
+@pytest.fixture
+def hanging(tmp_path: Path) -> Hanging:
+    return Hanging(tmp_path / "pid")
+
+
+def _workers() -> list[psutil.Process]:
+    return [child for child in psutil.Process().children() if "spawn_main" in " ".join(child.cmdline())]
+
+
+def test_runs_go_side_by_side_up_to_the_number_of_jobs(tmp_path: Path, hanging: Hanging) -> None:
+    with LocalExecutor(jobs=2, scratch=tmp_path / "scratch") as executor:
+        futures = [executor.submit(request_of(hanging, index), LIMITS) for index in range(3)]
+
+        assert [future.running() for future in futures] == [True, True, False]
+
+
+def test_a_run_waits_until_the_memory_that_its_kind_needs_is_there(tmp_path: Path, hanging: Hanging) -> None:
+    hanging.name = "analytic"
+    with LocalExecutor(jobs=2, scratch=tmp_path / "scratch", memory_bytes=2**20) as executor:
+        outcome_of(executor, analytic())  # tells the executor what a run of this kind takes
+        futures = [executor.submit(request_of(hanging, index), LIMITS) for index in range(2)]
+
+        assert [future.running() for future in futures] == [True, False]
+
+
+@pytest.mark.parametrize("victims", [1, 2])
+def test_the_death_of_idle_workers_harms_nobody(tmp_path: Path, victims: int) -> None:
+    others = set(_workers())
+    with LocalExecutor(jobs=2, scratch=tmp_path / "scratch") as executor:
+        for future in [executor.submit(request_of(analytic(), index), LIMITS) for index in range(2)]:
+            future.result(WAIT_S)
+        for worker in list(set(_workers()) - others)[:victims]:
+            worker.kill()
+
+        outcomes = [executor.submit(request_of(analytic(), index), LIMITS) for index in range(4)]
+
+        assert [outcome.result(WAIT_S).status for outcome in outcomes] == ["ok"] * 4
+
+
+def test_waiting_runs_can_be_cancelled(tmp_path: Path, hanging: Hanging) -> None:
+    with LocalExecutor(jobs=1, scratch=tmp_path / "scratch") as executor:
+        futures = [executor.submit(request_of(hanging, index), LIMITS) for index in range(3)]
+        executor.cancel_waiting()
+
+        assert [future.cancelled() for future in futures] == [False, True, True]
+
+
+def test_leaving_the_executor_ends_every_run_and_removes_every_file(tmp_path: Path, hanging: Hanging) -> None:
+    before = set(_workers())
+    with LocalExecutor(jobs=1, scratch=tmp_path / "scratch") as executor:
+        future = executor.submit(request_of(hanging), LIMITS)
+
+    with pytest.raises(CancelledError):
+        future.result(WAIT_S)
+    assert list((tmp_path / "scratch").iterdir()) == []
+    assert set(_workers()) <= before
+
+
+def test_workers_die_with_a_parent_that_was_killed(tmp_path: Path) -> None:
+    script = tmp_path / "parent.py"
+    script.write_text(HANGING_PARENT)
+    root = Path(__file__).parents[2]
+    parent = subprocess.Popen(
+        [sys.executable, str(script), str(tmp_path)], stdout=subprocess.PIPE, env={"PYTHONPATH": str(root)}, cwd=root
+    )
+    assert parent.stdout is not None
+    assert parent.stdout.readline() == b"started\n"
+    workers = psutil.Process(parent.pid).children(recursive=True)
+
+    parent.kill()
+    parent.communicate()
+
+    assert workers
+    assert psutil.wait_procs(workers, timeout=WAIT_S)[1] == []
+
+
+def test_the_files_of_a_killed_executor_are_removed_by_the_next_one(tmp_path: Path) -> None:
+    living = Scratch(tmp_path)
+    dead = Scratch(tmp_path)
+    (dead.folder / "left").write_text("over")
+    dead._lock.close()  # what the kernel does to a killed process
+
+    Scratch(tmp_path).close()
+
+    assert living.folder.exists()
+    assert not dead.folder.exists()
+    living.close()
+
+
+def test_a_place_that_cannot_be_written_to_is_one_sentence(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+
+    with pytest.raises(StorageError, match="choose another place with --cache-dir"):
+        LocalExecutor(scratch=tmp_path / "file" / "scratch")
