@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gtf_tune.cli.console import say, write_json, write_table
+from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.parameters import CacheDir, Json
 
 if TYPE_CHECKING:
     from gtf_tune.execution import StageCache
 
-app = typer.Typer(help="Look at the stage cache, and make room.", no_args_is_help=True)
+app = typer.Typer(cls=GroupedCommands, help="Look at the stage cache, and make room.", no_args_is_help=True)
 _MIB = 2**20
 _GIB = 2**30
 

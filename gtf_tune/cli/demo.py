@@ -8,6 +8,7 @@ import typer
 from gtf_tune.cli.console import number, percent, permille, say, write_line, write_table
 from gtf_tune.cli.parameters import CacheDir, Jobs
 from gtf_tune.cli.storage_access import hush_optuna
+from gtf_tune.cli.study_report import report
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
@@ -27,7 +28,7 @@ def demo(
 
     Example: gtf-tune demo
     """
-    from gtf_tune.cli.executors import cores
+    from gtf_tune.cli.executors import cores, make_executor
     from gtf_tune.cli.study_run import work_on
     from gtf_tune.sequence import render_room
     from gtf_tune.store import studies
@@ -46,8 +47,9 @@ def demo(
         definition = checked_definition(_definition(), "demo")
         create_study(database, definition, folder.absolute())
     study = open_study(database, "demo")
-    work_on(study, jobs or cores(), trial_parallel=1, cache_dir=cache_dir)
+    work_on(study, make_executor(jobs or cores(), cache_dir), trial_parallel=1)
     _write_outcome(database, study.record.id)
+    report(study.definition.name, folder / "report.html", storage=str(folder / "demo.db"))
     say(f"Next: gtf-tune study best demo --storage {database.shown_url}")
 
 

@@ -17,7 +17,7 @@ Check = tuple[str, bool, str]
 
 
 def doctor(cache_dir: CacheDir = None, json: Json = False) -> None:
-    """Check packages, memory, cache folder and a tiny COLMAP reconstruction.
+    """Check packages, memory, the cache folder and the options of the installed COLMAP.
 
     Example: gtf-tune doctor
     """

@@ -6,27 +6,33 @@ import typer
 
 from gtf_tune.cli import cache, metric, pipeline, sequence, storage, study
 from gtf_tune.cli.console import say
+from gtf_tune.cli.dashboard import dashboard
 from gtf_tune.cli.demo import demo
 from gtf_tune.cli.doctor import doctor
 from gtf_tune.cli.evaluate import evaluate
+from gtf_tune.cli.grouping import GroupedCommands
+from gtf_tune.cli.worker import worker
 from gtf_tune.errors import GtfTuneError
 
 app = typer.Typer(
     name="gtf-tune",
+    cls=GroupedCommands,
     help="Tune Structure-from-Motion and visual SLAM without ground truth.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command("demo")(demo)
-app.add_typer(study.app, name="study")
-app.command("evaluate")(evaluate)
-app.add_typer(pipeline.app, name="pipeline")
-app.add_typer(sequence.app, name="sequence")
-app.add_typer(metric.app, name="metric")
-app.add_typer(storage.app, name="storage")
-app.add_typer(cache.app, name="cache")
-app.command("doctor")(doctor)
+app.command("demo", rich_help_panel="Start")(demo)
+app.add_typer(study.app, name="study", rich_help_panel="Studies")
+app.command("dashboard", rich_help_panel="Studies")(dashboard)
+app.command("worker", rich_help_panel="Studies")(worker)
+app.command("evaluate", rich_help_panel="Studies")(evaluate)
+app.add_typer(pipeline.app, name="pipeline", rich_help_panel="Inputs")
+app.add_typer(sequence.app, name="sequence", rich_help_panel="Inputs")
+app.add_typer(metric.app, name="metric", rich_help_panel="Tools")
+app.add_typer(storage.app, name="storage", rich_help_panel="Tools")
+app.add_typer(cache.app, name="cache", rich_help_panel="Tools")
+app.command("doctor", rich_help_panel="Start")(doctor)
 
 
 def main() -> None:

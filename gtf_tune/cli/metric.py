@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gtf_tune.cli.console import number, write_json, write_pairs
+from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.parameters import Json
 
 if TYPE_CHECKING:
     from gtf_tune.metrics import ErrorStatistics
     from gtf_tune.trajectory import Trajectory
 
-app = typer.Typer(help="Compute trajectory errors from files.", no_args_is_help=True)
+app = typer.Typer(cls=GroupedCommands, help="Compute trajectory errors from files.", no_args_is_help=True)
 
 
 class Format(StrEnum):

@@ -5,9 +5,10 @@ from typing import Annotated
 import typer
 
 from gtf_tune.cli.console import say, write_json, write_line, write_table
+from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.parameters import Json
 
-app = typer.Typer(help="List pipelines and their tunable options.", no_args_is_help=True)
+app = typer.Typer(cls=GroupedCommands, help="List pipelines and their tunable options.", no_args_is_help=True)
 
 
 @app.command("list")

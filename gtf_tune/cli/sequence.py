@@ -7,12 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gtf_tune.cli.console import duration, number, say, write_json, write_line, write_pairs
+from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.parameters import Json
 
 if TYPE_CHECKING:
     from gtf_tune.sequence import SequenceReport
 
-app = typer.Typer(help="Check data sets, take frames from videos, render a scene.", no_args_is_help=True)
+app = typer.Typer(
+    cls=GroupedCommands, help="Check data sets, take frames from videos, render a scene.", no_args_is_help=True
+)
+
+
+_FIRST_RANGE = "mapper.max_normalized_reproj_error=1e-4:1e-1:log"
 
 
 class Choice(StrEnum):
@@ -44,7 +50,7 @@ def inspect(
         write_line(f"note: {note}")
     for warning in report.warnings:
         write_line(f"warning: {warning}")
-    say(f"Next: gtf-tune study create {report.name} --sequence {path} --range NAME=LOW:HIGH:log")
+    say(f"Next: gtf-tune study create {report.name} --sequence {path} --range {_FIRST_RANGE}")
 
 
 @app.command("layouts")

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gtf_tune.cli.console import say
-from gtf_tune.cli.executors import cores, make_executor
+from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage, StudyName
 from gtf_tune.cli.storage_access import hush_optuna, open_storage
 from gtf_tune.cli.values import parse_pair
 
 if TYPE_CHECKING:
+    from gtf_tune.execution import Executor
     from gtf_tune.store.database import Database
     from gtf_tune.study.opened import OpenStudy
 
@@ -34,6 +35,7 @@ def run(
     jobs: Jobs = None,
     trial_parallel: TrialParallel = 1,
     sequence: Places = None,
+    executor: ExecutorAddress = "local",
     cache_dir: CacheDir = None,
     no_cache: NoCache = False,
     allow_version_mismatch: VersionMismatch = False,
@@ -45,9 +47,12 @@ def run(
 
     Example: gtf-tune study run photos --jobs 4
     """
+    from gtf_tune.study.states import check_open
+
     database = open_storage(storage)
     study = open_for_work(database, name, sequence, allow_version_mismatch)
-    work_on(study, jobs or cores(), trial_parallel, cache_dir, no_cache=no_cache)
+    check_open(study.record)
+    work_on(study, make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache), trial_parallel)
     _suggest_next(name, storage, database)
 
 
@@ -56,6 +61,7 @@ def resume(
     jobs: Jobs = None,
     trial_parallel: TrialParallel = 1,
     sequence: Places = None,
+    executor: ExecutorAddress = "local",
     cache_dir: CacheDir = None,
     no_cache: NoCache = False,
     allow_version_mismatch: VersionMismatch = False,
@@ -65,7 +71,8 @@ def resume(
 
     Example: gtf-tune study resume photos
     """
-    from gtf_tune.store import runs, studies, trials
+    from gtf_tune.store import runs, trials
+    from gtf_tune.study.states import reopen_study
 
     database = open_storage(storage)
     study = open_for_work(database, name, sequence, allow_version_mismatch)
@@ -76,27 +83,33 @@ def resume(
         f"study '{name}': {done} of {study.budget} trials done, {counts.get('claimed', 0)} in progress, "
         f"{kept} runs stored, {study.budget - done} trials left"
     )
-    if study.record.state != "open":
-        studies.set_state(database, study.record.id, "open")
-    work_on(study, jobs or cores(), trial_parallel, cache_dir, no_cache=no_cache)
+    reopen_study(database, name)
+    work_on(study, make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache), trial_parallel)
     _suggest_next(name, storage, database)
 
 
-def work_on(
-    study: "OpenStudy", jobs: int, trial_parallel: int, cache_dir: Path | None, *, no_cache: bool = False
-) -> None:
+def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int) -> None:
     """Run a study here with progress on stderr; exit with 130 if someone stopped it."""
     from gtf_tune.cli.progress import StudyProgress
+    from gtf_tune.report.dashboard.sync import DashboardSync
+    from gtf_tune.study.events import Several
+    from gtf_tune.study.export import setting_files
     from gtf_tune.study.stop import StopRequest, signals_to
     from gtf_tune.study.worker import StudyWorker
 
     stop = StopRequest()
+    definition = study.definition
+    dashboard = DashboardSync(
+        study.database, definition.name, export=lambda options: setting_files(definition, options), warn=say
+    )
     with (
         signals_to(stop, say),
-        make_executor(jobs, cache_dir, no_cache=no_cache) as executor,
+        executor,
         StudyProgress.of(study) as progress,
     ):
-        done = StudyWorker(study, executor, stop, progress).work(trial_parallel)
+        dashboard.study_started()
+        done = StudyWorker(study, executor, stop, Several((progress, dashboard))).work(trial_parallel)
+        dashboard.study_finished()
     if stop.level and not done:
         say(f"stopped; go on with: gtf-tune study resume {study.definition.name}")
         raise typer.Exit(INTERRUPTED_EXIT_CODE)

@@ -1,8 +1,8 @@
 """Judge candidates by runs that the search never saw: adopt one, or keep nominal.
 
 A candidate is adopted only if all of this holds: it is better over the searched sequences, significantly so after
-correction for the number of candidates (Holm); no sequence, held out or not, is significantly worse; every run reaches
-the coverage floor; no more noisy runs collapse than under nominal.
+correction for the number of candidates (Holm), and by 2 % at the least; no sequence, held out or not, is significantly
+worse; every run reaches the coverage floor; no more noisy runs collapse than under nominal.
 """
 
 import math
@@ -21,6 +21,9 @@ ADOPT = "adopt"
 KEEP = "keep nominal"
 
 SIGNIFICANCE = 0.05
+
+LEAST_IMPROVEMENT = 0.02
+"""Share of the nominal error below which a change of settings is not worth it, however certain."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +142,8 @@ def _row(one: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset
         reasons.append("cannot be compared with nominal: too few runs worked under both")
     elif one.together.ratio >= 1 or adjusted >= SIGNIFICANCE:
         reasons.append("not significantly better than nominal")
+    elif one.together.ratio > 1 - LEAST_IMPROVEMENT:
+        reasons.append(f"better by less than {LEAST_IMPROVEMENT:.0%}, which is not worth a change")
     return {
         "ordinal": one.candidate.ordinal,
         "options": dict(one.candidate.options),

@@ -78,10 +78,14 @@ def open_study(
         The study does not exist, its images are missing or differ, or the pipeline has another version here.
     """
     record = studies.get(database, name)
-    definition = definition_from_dict(json.loads(record.definition), f"study '{name}'")
+    definition = stored_definition(record)
     pipeline = make_pipeline(definition)
-    if not allow_version_mismatch:
-        _check_version(record, pipeline.name, pipeline.version)
+    mismatch = _version_mismatch(record, pipeline.name, pipeline.version)
+    if mismatch and not allow_version_mismatch:
+        raise DefinitionError(
+            f"study '{record.name}' {mismatch}; install that version, or accept mixed results with "
+            "--allow-version-mismatch"
+        )
     expected = {one.name: one.fingerprint for one in studies.sequences(database, record.id)}
     sequences: dict[str, Sequence] = {}
     for one in definition.searched_sequences:
@@ -103,7 +107,13 @@ def open_study(
         sequences=sequences,
         sigmas={str(key): float(value) for key, value in record.resolved["noise_sigma"].items()},
         optuna_study=optuna_study,
+        mismatch=mismatch,
     )
+
+
+def stored_definition(record: Study) -> StudyDefinition:
+    """Return the definition that is stored with a study."""
+    return definition_from_dict(json.loads(record.definition), f"study '{record.name}'")
 
 
 def refuse_taken_name(database: Database, name: str) -> None:
@@ -183,10 +193,8 @@ def _row(path: str, sequence: Sequence) -> StudySequence:
     )
 
 
-def _check_version(record: Study, pipeline: str, version: str) -> None:
+def _version_mismatch(record: Study, pipeline: str, version: str) -> str:
     began_with = record.resolved["versions"].get(pipeline)
-    if began_with != version:
-        raise DefinitionError(
-            f"study '{record.name}' began with {pipeline} {began_with}, but {version} is installed here; install that "
-            "version, or accept mixed results with --allow-version-mismatch"
-        )
+    if began_with == version:
+        return ""
+    return f"began with {pipeline} {began_with}, but {version} is installed here"

@@ -48,3 +48,25 @@ class Silent:
 
     def trial_finished(self, end: TrialEnd) -> None:
         """Do nothing."""
+
+
+@dataclass(frozen=True)
+class Several:
+    """Pass everything on to several listeners, in order."""
+
+    listeners: tuple[StudyListener, ...]
+
+    def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
+        """Pass it on."""
+        for listener in self.listeners:
+            listener.trial_started(ordinal, options, planned_runs)
+
+    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
+        """Pass it on."""
+        for listener in self.listeners:
+            listener.run_finished(slot, run, reused=reused)
+
+    def trial_finished(self, end: TrialEnd) -> None:
+        """Pass it on."""
+        for listener in self.listeners:
+            listener.trial_finished(end)

@@ -5,6 +5,7 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 
+from gtf_tune.definition import StudyDefinition
 from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.pipelines.colmap_flags import command_of, flag_of
@@ -78,3 +79,15 @@ def _text(value: OptionValue) -> str:
     if isinstance(value, bool):
         return "1" if value else "0"
     return repr(value) if isinstance(value, float) else str(value)
+
+
+def setting_files(definition: StudyDefinition, searched: Mapping[str, OptionValue]) -> dict[str, str]:
+    """Return a setting in every form that its pipeline's users paste, content by file name."""
+    pipeline = definition.pipeline
+    options = {**pipeline.options, **searched}
+    files = {"options.json": option_json(options)}
+    if pipeline.name in _COLMAP_PIPELINES:
+        pairing = str(pipeline.settings.get("pairing", "exhaustive"))
+        files["project.ini"] = colmap_ini(pipeline.name, options)
+        files["colmap-flags.txt"] = colmap_flags(pipeline.name, options, pairing)
+    return files

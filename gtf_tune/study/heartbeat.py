@@ -1,43 +1,51 @@
 """Tell the database that this process still works on its trials."""
 
 import threading
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
 from gtf_tune.errors import StorageError
 from gtf_tune.store import slots
 from gtf_tune.store.database import Database
+from gtf_tune.study.stop import FINISH_RUNS, StopRequest
 
 INTERVAL_S = 15.0
 GRACE_S = 120.0
+_FAREWELL_S = 5.0
 
 
 class Heartbeat:
     """Beat for every slot that this process holds, from a thread of its own.
 
-    A beat that finds the slot taken over marks it as lost; a database that cannot be reached is tried again at the next
-    beat, since the workers of the trial will hear of it themselves.
+    A beat that finds the slot taken over says so to the trial that works on it. A database that cannot be reached is
+    tried again at the next beat, since the workers of the trial will hear of it themselves. Optuna's own heartbeat is
+    not recorded on purpose: other Optuna programs fail stale trials that have one, and the next worker goes on with
+    ours. ``after_beat`` is called between beats, from the thread.
     """
 
-    def __init__(self, database: Database, interval_s: float = INTERVAL_S) -> None:
+    def __init__(
+        self, database: Database, interval_s: float = INTERVAL_S, after_beat: Callable[[], None] = lambda: None
+    ) -> None:
         self._database = database
         self._interval_s = interval_s
-        self._held: dict[str, slots.Slot] = {}
-        self._lost: set[str] = set()
+        self._after_beat = after_beat
+        self._held: dict[str, tuple[slots.Slot, StopRequest]] = {}
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._beat_for_ever, name="heartbeat", daemon=True)
 
-    def hold(self, slot: slots.Slot) -> None:
-        """Start to beat for a slot."""
-        self._held[slot.claim] = slot
+    def hold(self, slot: slots.Slot, stop: StopRequest) -> None:
+        """Start to beat for a slot; ``stop`` is asked to finish its runs if another worker takes the slot over."""
+        self._held[slot.claim] = (slot, stop)
 
     def drop(self, slot: slots.Slot) -> None:
         """Stop to beat for a slot."""
         self._held.pop(slot.claim, None)
 
-    def has_lost(self, slot: slots.Slot) -> bool:
-        """Tell whether another worker has taken the slot over."""
-        return slot.claim in self._lost
+    @property
+    def holds_any(self) -> bool:
+        """Tell whether this process works on a slot."""
+        return bool(self._held)
 
     def __enter__(self) -> Self:
         """Start the thread."""
@@ -49,14 +57,17 @@ class Heartbeat:
     ) -> None:
         """End the thread."""
         self._end.set()
-        self._thread.join()
+        self._thread.join(_FAREWELL_S)
 
     def _beat_for_ever(self) -> None:
         while not self._end.wait(self._interval_s):
-            for slot in list(self._held.values()):
-                try:
-                    alive = slots.beat(self._database, slot)
-                except StorageError:
-                    continue
-                if not alive and slot.claim in self._held:
-                    self._lost.add(slot.claim)
+            try:
+                self._beat_once()
+                self._after_beat()
+            except StorageError:
+                continue
+
+    def _beat_once(self) -> None:
+        for slot, stop in list(self._held.values()):
+            if not slots.beat(self._database, slot) and slot.claim in self._held:
+                stop.ask(FINISH_RUNS)

@@ -21,7 +21,8 @@ from gtf_tune.study.space import SearchSpace
 class OpenStudy:
     """Hold a study that can be worked on here.
 
-    ``sequences`` are those that the search sees, by name; ``sigmas`` their noise in grey levels.
+    ``sequences`` are those that the search sees, by name; ``sigmas`` their noise in grey levels. ``mismatch`` says how
+    the pipeline's version here differs from the one that the study began with, where that was allowed.
     """
 
     database: Database
@@ -32,6 +33,7 @@ class OpenStudy:
     sequences: Mapping[str, Sequence]
     sigmas: Mapping[str, float]
     optuna_study: optuna.Study = field(repr=False)
+    mismatch: str = ""
 
     @property
     def planner(self) -> RunPlanner:

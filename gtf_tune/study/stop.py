@@ -1,6 +1,7 @@
 """Stop a study on request: once to finish the runs in flight, twice to stop at once."""
 
 import contextlib
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -8,19 +9,26 @@ from types import FrameType
 
 FINISH_RUNS = 1
 STOP_NOW = 2
+_INTERRUPTED_EXIT_CODE = 130
+_LAST_MOMENT_S = 1.5
 
 
 class StopRequest:
-    """Remember how urgently someone asked to stop; safe to raise from signal handlers and other threads."""
+    """Remember how urgently someone asked to stop; safe to raise from signal handlers and other threads.
 
-    def __init__(self) -> None:
+    A request with a parent hears of what its parent is asked, but not the other way round: one study of a worker, or
+    one trial of a study, can be asked to stop alone.
+    """
+
+    def __init__(self, parent: "StopRequest | None" = None) -> None:
         self._level = 0
         self._event = threading.Event()
+        self._parent = parent
 
     @property
     def level(self) -> int:
         """Return 0 (go on), `FINISH_RUNS` or `STOP_NOW`."""
-        return self._level
+        return max(self._level, self._parent.level) if self._parent else self._level
 
     def ask(self, level: int) -> None:
         """Ask to stop, at least as urgently as ``level``."""
@@ -28,8 +36,15 @@ class StopRequest:
         self._event.set()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until someone asks to stop, and return whether someone has."""
-        return self._event.wait(timeout_s)
+        """Wait until someone asks to stop, and return whether someone has; ends early for the outermost request."""
+        (self._parent or self)._wait(timeout_s)
+        return self.level > 0
+
+    def _wait(self, timeout_s: float) -> None:
+        if self._parent is None:
+            self._event.wait(timeout_s)
+        else:
+            self._parent._wait(timeout_s)
 
 
 @contextlib.contextmanager
@@ -37,8 +52,10 @@ def signals_to(stop: StopRequest, announce: Callable[[str], None], grace_s: floa
     """Turn Ctrl-C and SIGTERM into stop requests for the length of a context.
 
     The first Ctrl-C asks to finish the runs in flight, the second to stop at once. SIGTERM asks to finish them and
-    gives them ``grace_s`` seconds, because a pre-empted machine disappears soon after.
+    gives them ``grace_s`` seconds, because a pre-empted machine disappears soon after; a process that then still waits
+    for something, such as a database out of reach, ends at once: others adopt its trial when its heartbeat is missed.
     """
+    timers: list[threading.Timer] = []
 
     def on_interrupt(number: int, frame: FrameType | None) -> None:
         del number, frame
@@ -53,13 +70,17 @@ def signals_to(stop: StopRequest, announce: Callable[[str], None], grace_s: floa
         del number, frame
         stop.ask(FINISH_RUNS)
         announce(f"asked to terminate: runs in flight have {grace_s:g} s to finish")
-        timer = threading.Timer(grace_s, stop.ask, [STOP_NOW])
-        timer.daemon = True
-        timer.start()
+        timers.append(threading.Timer(grace_s, stop.ask, [STOP_NOW]))
+        timers.append(threading.Timer(grace_s + _LAST_MOMENT_S, os._exit, [_INTERRUPTED_EXIT_CODE]))
+        for timer in timers[-2:]:
+            timer.daemon = True
+            timer.start()
 
     before = signal.signal(signal.SIGINT, on_interrupt), signal.signal(signal.SIGTERM, on_terminate)
     try:
         yield
     finally:
+        for timer in timers:
+            timer.cancel()
         signal.signal(signal.SIGINT, before[0])
         signal.signal(signal.SIGTERM, before[1])

@@ -4,15 +4,16 @@ import itertools
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from optuna.trial import Trial
 
-from gtf_tune.execution import Executor, RunLimits
+from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import runs, slots
+from gtf_tune.store.optuna_tables import with_optuna
 from gtf_tune.study import optuna_trials
-from gtf_tune.study.evaluation import Interrupted, RunSource
+from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
 from gtf_tune.study.events import StudyListener, TrialEnd
 from gtf_tune.study.heartbeat import Heartbeat
 from gtf_tune.study.opened import OpenStudy
@@ -23,8 +24,6 @@ from gtf_tune.study.scoring import ScoredTrial, TrialRuns
 from gtf_tune.study.side_metric import record_side_metric
 from gtf_tune.study.sizing import Decision, Sizing, Standing
 from gtf_tune.study.stop import StopRequest
-
-_GIB = 2**30
 
 
 @dataclass(frozen=True)
@@ -49,9 +48,10 @@ class TrialRunner:
         Interrupted
             Someone asked to stop, or another worker has taken the slot over.
         """
-        self.heartbeat.hold(slot)
+        stop = StopRequest(self.stop)
+        self.heartbeat.hold(slot, stop)
         try:
-            end = self._run(slot)
+            end = self._run(slot, stop)
         except BaseException:
             slots.release(self.study.database, slot)
             raise
@@ -59,16 +59,19 @@ class TrialRunner:
             self.heartbeat.drop(slot)
         self.listener.trial_finished(end)
 
-    def _run(self, slot: slots.Slot) -> TrialEnd:
+    def _run(self, slot: slots.Slot, stop: StopRequest) -> TrialEnd:
         started = time.perf_counter()
         trial, options = self._ask(slot)
         reference = read_reference(self.study, slot.ordinal)
-        scored = self._score(trial, TrialRuns(self.study, self._source(), options, slot.ordinal), reference)
+        scored = self._score(trial, TrialRuns(self.study, self._source(stop), options, slot.ordinal), reference)
         database = self.study.database
         runs.link(database, slot.trial_id, scored.uses)
         set_attributes(trial, scored, reference)
         record_side_metric(self.study, slot, trial, scored)
         result = trial_result(scored, wall_s=time.perf_counter() - started)
+        if self.study.mismatch:
+            trial.set_user_attr("version", self.study.pipeline.version)
+            result = replace(result, detail={**result.detail, "version_mismatch": self.study.mismatch})
         if not slots.finish(database, slot, result):
             raise Interrupted
         optuna_trials.tell(self.study.optuna_study, trial.number, scored.score.value, result.state)
@@ -80,10 +83,8 @@ class TrialRunner:
         with self.ask_lock:
             study.sampler = make_sampler(self.study.definition.search, slot.ordinal)
             trial_id = slot.optuna_trial_id
-            if trial_id is None and slot.attempts > 1:
-                trial_id = optuna_trials.find_for_slot(study, slot.ordinal)
             if trial_id is None:
-                trial_id = optuna_trials.create_for_slot(study, slot.ordinal, self._fixed(slot.ordinal))
+                trial_id = with_optuna(self.study.database, lambda: self._find_or_create(slot.ordinal))
             trial = optuna_trials.start(study, trial_id)
             options = self.study.space.suggest(trial)
         if not slots.attach_optuna_trial(self.study.database, slot, trial_id, trial.number, options):
@@ -92,6 +93,11 @@ class TrialRunner:
         planned = (gtf.clean_runs + self.sizing.first(is_nominal=slot.ordinal == 0)) * len(self.study.sequences)
         self.listener.trial_started(slot.ordinal, options, planned)
         return trial, options
+
+    def _find_or_create(self, ordinal: int) -> int:
+        study = self.study.optuna_study
+        found = optuna_trials.find_for_slot(study, ordinal)
+        return optuna_trials.create_for_slot(study, ordinal, self._fixed(ordinal)) if found is None else found
 
     def _fixed(self, ordinal: int) -> Mapping[str, OptionValue] | None:
         """Return the values that a trial must take: nominal for trial 0, then the points of a grid."""
@@ -124,12 +130,11 @@ class TrialRunner:
             return Decision(count, f"Optuna's pruner gave the trial up after {count} noisy runs", hopeless=True)
         return decision
 
-    def _source(self) -> RunSource:
-        limits = self.study.definition.limits
+    def _source(self, stop: StopRequest) -> RunSource:
         return RunSource(
             self.study.database,
             self.executor,
-            RunLimits(limits.run_timeout_s, int(limits.run_memory_gb * _GIB)),
-            self.stop,
+            run_limits(self.study.definition.limits),
+            stop,
             self.listener,
         )

@@ -1,6 +1,8 @@
 """Work on a study: claim a slot, let the sampler choose, run, score, tell, until the budget is spent."""
 
+import random
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
@@ -10,13 +12,14 @@ from gtf_tune.store.workers import Worker, this_worker
 from gtf_tune.study import optuna_trials
 from gtf_tune.study.evaluation import Interrupted
 from gtf_tune.study.events import Silent, StudyListener
-from gtf_tune.study.heartbeat import GRACE_S, Heartbeat
+from gtf_tune.study.heartbeat import GRACE_S, INTERVAL_S, Heartbeat
 from gtf_tune.study.opened import OpenStudy
 from gtf_tune.study.sizing import sizing_of
 from gtf_tune.study.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.trial import TrialRunner
 
-_POLL_S = 1.0
+_FIRST_POLL_S = 0.5
+_LONGEST_POLL_S = 10.0
 
 
 @dataclass(frozen=True)
@@ -25,43 +28,82 @@ class StudyWorker:
 
     Several workers, on one or many machines, may serve the same study: slots of the budget are handed out by the
     database, each to one live worker, and the slots of dead workers are adopted with everything they had finished.
-    ``grace_s`` is how long a worker may be silent before it counts as dead.
+    A worker looks at the state of its study before every trial and with every heartbeat: it takes no trial of a paused
+    study, and gives its trial back where the study is stopped. ``beat_s`` is how often it says that it lives, and
+    ``grace_s`` how long a worker may be silent before it counts as dead.
     """
 
     study: OpenStudy
     executor: Executor
     stop: StopRequest = field(default_factory=StopRequest)
     listener: StudyListener = field(default_factory=Silent)
+    beat_s: float = INTERVAL_S
     grace_s: float = GRACE_S
     worker: Worker = field(default_factory=this_worker)
 
     def work(self, trial_parallel: int = 1) -> bool:
-        """Work until nothing is left to do, and return whether the study is complete."""
-        with Heartbeat(self.study.database) as heartbeat, ThreadPoolExecutor(trial_parallel) as pool:
+        """Work until nothing is left to do, also waiting for other workers, and return whether the study is complete.
+
+        Raises
+        ------
+        GtfTuneError
+            This machine cannot go on: its database, disk or images are at fault.
+        """
+        return self._work(trial_parallel, self._others_at_work)
+
+    def work_while_free(self, trial_parallel: int = 1) -> bool:
+        """Work until no slot is free now, and return whether the study is complete.
+
+        Raises
+        ------
+        GtfTuneError
+            This machine cannot go on: its database, disk or images are at fault.
+        """
+        return self._work(trial_parallel, lambda: False)
+
+    def _work(self, trial_parallel: int, others: Callable[[], bool]) -> bool:
+        stop = StopRequest(self.stop)
+        with (
+            Heartbeat(self.study.database, self.beat_s, lambda: self._heed_state(stop)) as heartbeat,
+            ThreadPoolExecutor(trial_parallel) as pool,
+        ):
             runner = TrialRunner(
                 study=self.study,
                 executor=self.executor,
                 sizing=sizing_of(self.study.definition),
-                stop=self.stop,
+                stop=stop,
                 listener=self.listener,
                 heartbeat=heartbeat,
                 ask_lock=threading.Lock(),
             )
-            served = [pool.submit(self._serve, runner) for _ in range(trial_parallel)]
+            served = [
+                pool.submit(self._serve, runner, lambda: heartbeat.holds_any or others()) for _ in range(trial_parallel)
+            ]
         for one in served:
             one.result()
         return self._close_if_complete()
 
-    def _serve(self, runner: TrialRunner) -> None:
-        while not self.stop.level:
+    def _serve(self, runner: TrialRunner, may_free: Callable[[], bool]) -> None:
+        """Take slots one after the other; where there is none, wait as long as one ``may_free`` itself."""
+        pause_s = _FIRST_POLL_S
+        while not runner.stop.level and self._is_open():
             self._tell_untold()
             slot = self._next_slot()
             if slot is not None:
+                pause_s = _FIRST_POLL_S
                 self._run(runner, slot)
-            elif self._others_at_work():
-                self.stop.wait(_POLL_S)
+            elif may_free():
+                runner.stop.wait(pause_s * random.uniform(0.5, 1.0))
+                pause_s = min(1.5 * pause_s, _LONGEST_POLL_S)
             else:
                 return
+
+    def _is_open(self) -> bool:
+        return studies.state(self.study.database, self.study.record.id) == "open"
+
+    def _heed_state(self, stop: StopRequest) -> None:
+        if studies.state(self.study.database, self.study.record.id) == "stopped":
+            stop.ask(FINISH_RUNS)
 
     def _run(self, runner: TrialRunner, slot: slots.Slot) -> None:
         try:
@@ -69,7 +111,7 @@ class StudyWorker:
         except Interrupted:
             return
         except BaseException:
-            self.stop.ask(FINISH_RUNS)
+            runner.stop.ask(FINISH_RUNS)
             raise
 
     def _next_slot(self) -> slots.Slot | None:

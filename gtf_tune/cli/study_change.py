@@ -1,0 +1,131 @@
+"""Look at a study under another score, and extend it."""
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gtf_tune.cli.console import number, percent, permille, say, write_json, write_line, write_table
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
+from gtf_tune.cli.storage_access import hush_optuna, open_storage
+from gtf_tune.cli.study_create import Range, parse_range
+from gtf_tune.cli.values import parse_pair
+
+if TYPE_CHECKING:
+    from gtf_tune.study.rescore import Rescored, RescoredTrial
+
+Aggregate = Annotated[str | None, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")]
+Metric = Annotated[str | None, typer.Option("--metric", help="ate, rpe_translation or rpe_rotation.")]
+Alignment = Annotated[str | None, typer.Option("--alignment", help="sim3, se3 or none.")]
+Normalise = Annotated[str | None, typer.Option("--normalise", help="extent or none.")]
+Trials = Annotated[int | None, typer.Option("--trials", "-n", min=1, help="New total of trials, nominal included.")]
+NoisyRuns = Annotated[int | None, typer.Option("--noisy-runs", "-K", min=1, help="Another k_delta; needs --as.")]
+NewName = Annotated[str | None, typer.Option("--as", help="Make a new study on the same runs instead.")]
+
+
+def rescore(
+    name: StudyName,
+    aggregate: Aggregate = None,
+    metric: Metric = None,
+    alignment: Alignment = None,
+    normalise: Normalise = None,
+    json: Json = False,
+    storage: Storage = DEFAULT_STORAGE,
+) -> None:
+    """Show how the trials would rank under another score, from their stored trajectories.
+
+    Nothing is run, and the study keeps its scores.
+
+    Example: gtf-tune study rescore photos --aggregate median
+    """
+    from gtf_tune.study.rescore import rescore as rescore_study
+
+    database = open_storage(storage)
+    given = {"aggregate": aggregate, "metric": metric, "alignment": alignment, "normalise": normalise}
+    found = rescore_study(database, name, {key: value for key, value in given.items() if value is not None})
+    if json:
+        write_json(_as_json(found))
+    else:
+        _write(found)
+
+
+def extend(
+    name: StudyName,
+    trials: Trials = None,
+    noisy_runs: NoisyRuns = None,
+    range_: Range = None,
+    new_name: NewName = None,
+    storage: Storage = DEFAULT_STORAGE,
+) -> None:
+    """Give a study more trials or wider ranges; what would make trials incomparable needs a new name.
+
+    A new study under --as takes over every run that is the same, so nothing is computed twice.
+
+    Example: gtf-tune study extend photos --trials 80
+    """
+    from gtf_tune.study.extend import Extension, derive_study, extend_study
+
+    hush_optuna()
+    database = open_storage(storage)
+    axes = {option: parse_range(text, bounds) for text in range_ or [] for option, bounds in [parse_pair(text, "-r")]}
+    extension = Extension(trials, noisy_runs, axes)
+    if new_name is None:
+        extend_study(database, name, extension)
+        say(f"extended study '{name}'; workers that are at it now notice when they are started again")
+    else:
+        derive_study(database, name, extension, new_name)
+        say(f"created study '{new_name}' on the runs of '{name}'")
+    say(f"Next: gtf-tune study run {new_name or name}")
+
+
+def _write(found: "Rescored") -> None:
+    gtf = found.gtf
+    say(f"score: {gtf.metric}, {gtf.aggregate}, {gtf.alignment}, normalised by {gtf.normalise}; the study is unchanged")
+    relative = gtf.normalise == "extent" and gtf.metric != "rpe_rotation"
+    nominal = found.trials[0].score
+    rows = []
+    for one in sorted(found.trials, key=lambda one: (one.rank or math.inf, one.trial.ordinal)):
+        shown = permille(one.score.value) if relative else number(one.score.value)
+        change = percent(one.score.value / nominal.value - 1) if nominal.feasible and one.score.feasible else "-"
+        rows.append(
+            (
+                str(one.trial.ordinal),
+                str(one.rank or "-"),
+                str(one.rank_before or "-"),
+                shown if one.score.feasible else "infeasible",
+                change,
+                f"{_collapsed(one):.0%}",
+            )
+        )
+    unit = " [‰]" if relative else ""
+    write_table([">trial", ">rank", ">before", f">GTF{unit}", ">vs nominal", ">collapsed"], rows)
+    if found.best is not None:
+        for option, value in (found.best.trial.options or {}).items():
+            write_line(f"{option} = {value}")
+
+
+def _as_json(found: "Rescored") -> dict[str, Any]:
+    return {
+        "gtf": found.gtf.model_dump(mode="json"),
+        "best": found.best.trial.ordinal if found.best else None,
+        "trials": [
+            {
+                "ordinal": one.trial.ordinal,
+                "options": dict(one.trial.options or {}),
+                "value_before": one.trial.value,
+                "rank_before": one.rank_before or None,
+                "value": one.score.value,
+                "confidence_interval": list(one.score.confidence_interval),
+                "rank": one.rank or None,
+                "feasible": one.score.feasible,
+                "collapse_rate": _collapsed(one),
+            }
+            for one in found.trials
+        ],
+    }
+
+
+def _collapsed(one: "RescoredTrial") -> float:
+    """Return the share of noisy runs that collapsed, over all sequences."""
+    flags = [flag for found in one.score.by_sequence.values() if found.score for flag in found.score.collapsed]
+    return sum(flags) / len(flags) if flags else 0.0

@@ -1,0 +1,114 @@
+"""Write the report of a study, and follow one that others work on."""
+
+import time
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gtf_tune.cli.console import duration, percent, permille, say
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
+from gtf_tune.cli.storage_access import open_storage
+
+if TYPE_CHECKING:
+    from gtf_tune.report.definition import ReportDefinition
+    from gtf_tune.store.database import Database
+    from gtf_tune.store.trials import Trial
+
+
+class Format(StrEnum):
+    """Name the forms of a report."""
+
+    html = "html"
+    png = "png"
+
+
+def report(
+    name: StudyName,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="The file, or a folder for png (default STUDY.html).")
+    ] = None,
+    format_: Annotated[Format, typer.Option("--format", help="One page, or every figure as an image.")] = Format.html,
+    definition: Annotated[
+        Path | None, typer.Option("--definition", help="Which panels, in which order; see dashboards/report.toml.")
+    ] = None,
+    storage: Storage = DEFAULT_STORAGE,
+) -> None:
+    """Write everything about a study as one HTML page that works offline.
+
+    Example: gtf-tune study report photos -o report.html
+    """
+    from gtf_tune.report.build import build_sections, read_input, write_report
+    from gtf_tune.report.images import require_kaleido, write_images
+
+    database = open_storage(storage)
+    panels = _panels(definition)
+    if format_ is Format.png:
+        require_kaleido()
+        folder = output or Path(f"{name}-figures")
+        written = write_images(folder, build_sections(read_input(database, name, panels)))
+        say(f"wrote {len(written)} figures to {folder}")
+        return
+    path = output or Path(f"{name}.html")
+    write_report(path, database, name, panels, snippets(database, name))
+    say(f"wrote {path}")
+
+
+def watch(
+    name: StudyName,
+    interval: Annotated[float, typer.Option("--interval", min=0.1, help="Seconds between two looks.")] = 2.0,
+    storage: Storage = DEFAULT_STORAGE,
+) -> None:
+    """Follow a study that others work on, a line for every trial that ends, until it is done.
+
+    Example: gtf-tune study watch photos
+    """
+    from gtf_tune.store import studies, trials
+
+    database = open_storage(storage)
+    shown: set[int] = set()
+    while True:
+        study = studies.get(database, name)
+        known = trials.of_study(database, study.id)
+        nominal = next((trial.value for trial in known if trial.ordinal == 0), None)
+        for trial in known:
+            if trial.state != "claimed" and trial.ordinal not in shown:
+                shown.add(trial.ordinal)
+                typer.echo(_line(trial, nominal))
+        if study.state == "done":
+            say(f"study '{name}' is done")
+            say(f"Next: gtf-tune study best {name}")
+            return
+        time.sleep(interval)
+
+
+def snippets(database: "Database", name: str) -> dict[str, str]:
+    """Return the recommended setting in the forms that people paste; nothing before there is one."""
+    from gtf_tune.errors import StorageError
+    from gtf_tune.store import studies
+    from gtf_tune.study.create import stored_definition
+    from gtf_tune.study.export import setting_files
+    from gtf_tune.study.recommendation import recommend
+
+    study = studies.get(database, name)
+    try:
+        found = recommend(database, study.id, name)
+    except StorageError:
+        return {}
+    return setting_files(stored_definition(study), found.trial.options or {})
+
+
+def _panels(path: Path | None) -> "ReportDefinition":
+    from gtf_tune.report.definition import default_report_definition, load_report_definition
+
+    return default_report_definition() if path is None else load_report_definition(path)
+
+
+def _line(trial: "Trial", nominal: float | None) -> str:
+    name = "nominal" if trial.ordinal == 0 else f"trial {trial.ordinal}"
+    if trial.value is None or not trial.feasible:
+        return f"{name}: infeasible, {trial.message}"
+    gain = f" ({percent(trial.value / nominal - 1)})" if nominal and trial.ordinal else ""
+    early = ", stopped early" if trial.state == "pruned" else ""
+    return f"{name}: {permille(trial.value)} per mille{gain}, {duration(trial.wall_s)} on {trial.host}{early}"

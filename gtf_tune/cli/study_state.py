@@ -1,0 +1,27 @@
+"""Pause, and stop, the work on a study wherever it goes on."""
+
+from gtf_tune.cli.console import say
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
+from gtf_tune.cli.storage_access import open_storage
+
+
+def pause(name: StudyName, storage: Storage = DEFAULT_STORAGE) -> None:
+    """Let every worker finish its trial of a study and take no new one.
+
+    Example: gtf-tune study pause photos
+    """
+    from gtf_tune.study.states import pause_study
+
+    pause_study(open_storage(storage), name)
+    say(f"study '{name}' is paused: trials in work are finished; go on with: gtf-tune study resume {name}")
+
+
+def stop(name: StudyName, storage: Storage = DEFAULT_STORAGE) -> None:
+    """Let every worker finish its runs in flight, keep them, and leave a study.
+
+    Example: gtf-tune study stop photos
+    """
+    from gtf_tune.study.states import stop_study
+
+    stop_study(open_storage(storage), name)
+    say(f"study '{name}' is stopped: runs in flight are kept; go on with: gtf-tune study resume {name}")

@@ -1,0 +1,98 @@
+"""Serve the open studies of a storage from this machine."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from gtf_tune.cli.console import permille, say
+from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage
+from gtf_tune.cli.storage_access import hush_optuna, open_storage
+from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE, Places, TrialParallel, VersionMismatch, place_folders
+
+if TYPE_CHECKING:
+    from gtf_tune.pipelines import OptionValue
+    from gtf_tune.store.runs import StoredRun
+    from gtf_tune.study.evaluation import RunSlot
+    from gtf_tune.study.events import TrialEnd
+    from gtf_tune.study.opened import OpenStudy
+
+Names = Annotated[list[str] | None, typer.Option("--study", metavar="NAME", help="Serve this study only; repeatable.")]
+DataRoot = Annotated[
+    Path | None, typer.Option("--data-root", exists=True, file_okay=False, help="Folder that holds sequences by name.")
+]
+Once = Annotated[bool, typer.Option("--once", help="Leave when nothing is left to do.")]
+IdleExit = Annotated[
+    float | None,
+    typer.Option("--idle-exit", min=0.0, metavar="S", help="Leave after so many seconds without work."),
+]
+
+
+def worker(
+    study: Names = None,
+    data_root: DataRoot = None,
+    sequence: Places = None,
+    jobs: Jobs = None,
+    trial_parallel: TrialParallel = 1,
+    once: Once = False,
+    idle_exit: IdleExit = None,
+    executor: ExecutorAddress = "local",
+    cache_dir: CacheDir = None,
+    no_cache: NoCache = False,
+    allow_version_mismatch: VersionMismatch = False,
+    storage: Storage = DEFAULT_STORAGE,
+) -> None:
+    """Work on every open study of a storage, as one of many workers on many machines.
+
+    Waits for new studies until it is stopped, unless --once or --idle-exit say otherwise. SIGTERM and Ctrl-C finish
+    the runs in flight for 8 seconds at most, release the trial and end.
+
+    Example: gtf-tune worker --storage studies.db --once
+    """
+    from gtf_tune.study.places import SequencePlaces
+    from gtf_tune.study.serving import ServingRules, StudyServer
+    from gtf_tune.study.stop import StopRequest, signals_to
+
+    rules = ServingRules(
+        names=tuple(study or ()),
+        places=SequencePlaces(place_folders(sequence), data_root),
+        allow_version_mismatch=allow_version_mismatch,
+        trial_parallel=trial_parallel,
+        idle_exit_s=0.0 if once else math.inf if idle_exit is None else idle_exit,
+    )
+    hush_optuna()
+    stop = StopRequest()
+    with (
+        signals_to(stop, say),
+        make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache) as runs_on,
+    ):
+        StudyServer(open_storage(storage), runs_on, rules, stop, say, _Lines).serve()
+    if stop.level:
+        say("stopped; finished runs are kept")
+        raise typer.Exit(INTERRUPTED_EXIT_CODE)
+    say("nothing is left to do")
+
+
+class _Lines:
+    """Print one line for each trial, since a worker's output is read in log files."""
+
+    def __init__(self, study: "OpenStudy") -> None:
+        self._name = study.definition.name
+
+    def trial_started(self, ordinal: int, options: Mapping[str, "OptionValue"], planned_runs: int) -> None:
+        """Say which trial begins."""
+        del options, planned_runs
+        say(f"{self._name}: trial {ordinal} begins")
+
+    def run_finished(self, slot: "RunSlot", run: "StoredRun", *, reused: bool) -> None:
+        """Say which run failed, and why."""
+        if run.error and not reused:
+            say(f"{self._name}: {slot.kind} run {slot.index} on {slot.sequence} failed: {run.error}")
+
+    def trial_finished(self, end: "TrialEnd") -> None:
+        """Say how a trial ended."""
+        found = f"{permille(end.score.value)} per mille" if end.score.feasible else f"infeasible, {end.score.message}"
+        say(f"{self._name}: trial {end.ordinal} is done: {found}")

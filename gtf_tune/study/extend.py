@@ -1,0 +1,123 @@
+"""Change a stored study on purpose: more trials, wider ranges; or found a new one on its runs.
+
+What would make old and new trials incomparable is refused. A study that differs in such a way can be *derived*: it is
+new, and takes over every run that has the same key, so that nothing is computed twice.
+"""
+
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from gtf_tune.definition import Axis, RangeAxis, StudyDefinition, definition_from_dict, dump_definition
+from gtf_tune.errors import DefinitionError
+from gtf_tune.store import studies, trials
+from gtf_tune.store.database import Database
+from gtf_tune.store.studies import Study
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.opened import make_pipeline, trial_budget
+from gtf_tune.study.space import build_space
+
+_WIDENABLE = ("tpe", "random", "gp", "qmc")
+
+
+@dataclass(frozen=True)
+class Extension:
+    """Hold what should change; ``None`` and no axes leave things as they are.
+
+    ``trials`` is the new total, nominal included; ``axes`` are new ranges (``low``, ``high``, ``log``) by option.
+    """
+
+    trials: int | None = None
+    noisy_runs: int | None = None
+    axes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    @property
+    def is_empty(self) -> bool:
+        """Tell whether nothing should change."""
+        return self.trials is None and self.noisy_runs is None and not self.axes
+
+
+def extend_study(database: Database, name: str, extension: Extension) -> Study:
+    """Change a study in place, open it for work, and return it.
+
+    Raises
+    ------
+    DefinitionError
+        Nothing should change, or a change would make trials incomparable; the message says why and what to do.
+    """
+    study = studies.get(database, name)
+    definition = definition_from_dict(json.loads(study.definition), f"study '{name}'")
+    _refuse(definition, extension)
+    extended = checked_definition(_changed(definition, extension), f"study '{name}'")
+    _refuse_too_few(database, study, extended)
+    history = [*study.resolved.get("extensions", ()), {"at": time.time(), "before": json.loads(study.definition)}]
+    studies.set_definition(
+        database, study.id, dump_definition(extended), {**study.resolved, "extensions": history}
+    )
+    studies.set_state(database, study.id, "open")
+    return studies.get(database, name)
+
+
+def derive_study(database: Database, name: str, extension: Extension, new_name: str) -> Study:
+    """Create a study that differs from a stored one by an extension of any kind; equal runs are reused."""
+    study = studies.get(database, name)
+    definition = definition_from_dict(json.loads(study.definition), f"study '{name}'")
+    data = _changed(definition, extension) | {"name": new_name}
+    return create_study(database, checked_definition(data, f"study '{new_name}'"), Path(study.root))
+
+
+def _changed(definition: StudyDefinition, extension: Extension) -> dict[str, Any]:
+    data: dict[str, Any] = definition.model_dump(mode="json")
+    if extension.trials is not None:
+        data["search"]["trials"] = extension.trials
+    if extension.noisy_runs is not None:
+        data["gtf"]["noisy_runs"] = extension.noisy_runs
+    data["space"] = {**data["space"], **{name: dict(axis) for name, axis in extension.axes.items()}}
+    return data
+
+
+def _refuse(definition: StudyDefinition, extension: Extension) -> None:
+    name = definition.name
+    if extension.is_empty:
+        raise DefinitionError(f"nothing to extend study '{name}' by; give --trials, or --range with --as")
+    derive = f"make a new study on the same runs with: gtf-tune study extend {name} --as NEW-NAME and the same flags"
+    if extension.noisy_runs is not None and extension.noisy_runs != definition.gtf.noisy_runs:
+        raise DefinitionError(
+            f"the trials of study '{name}' are scored by {_count(definition)} noisy runs each, and scores of more runs do "
+            f"not compare with theirs; {derive}"
+        )
+    for option, axis in extension.axes.items():
+        fault = _axis_fault(definition, option, axis)
+        if fault:
+            raise DefinitionError(f"the range of '{option}' cannot change in study '{name}': {fault}; {derive}")
+
+
+def _axis_fault(definition: StudyDefinition, option: str, axis: Mapping[str, Any]) -> str:
+    """Return why an axis of a study cannot be replaced, empty where it can."""
+    old: Axis | None = definition.space.get(option)
+    if definition.search.sampler not in _WIDENABLE:
+        return f"sampler '{definition.search.sampler}' would lose its place"
+    if old is None:
+        return "finished trials were not searched along it"
+    if not isinstance(old, RangeAxis):
+        return "it is a list of values"
+    if bool(axis["log"]) != old.log or old.step is not None:
+        return "its scale or step would change"
+    if axis["low"] > old.low or axis["high"] < old.high:
+        return f"trials may lie outside; only ranges around [{old.low:g}, {old.high:g}] are accepted"
+    return ""
+
+
+def _refuse_too_few(database: Database, study: Study, extended: StudyDefinition) -> None:
+    handed_out = sum(trials.counts(database, study.id).values())
+    budget = trial_budget(extended, build_space(extended, make_pipeline(extended).options))
+    if budget < handed_out:
+        raise DefinitionError(f"study '{study.name}' has {handed_out} trials already, more than {budget}; raise --trials")
+
+
+def _count(definition: StudyDefinition) -> str:
+    runs = definition.gtf.noisy_runs
+    return str(runs) if isinstance(runs, int) else f"{runs.min} to {runs.max}"

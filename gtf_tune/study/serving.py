@@ -1,0 +1,161 @@
+"""Serve every open study of a storage: what one of many workers does on one of many machines."""
+
+import json
+import random
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from gtf_tune.definition import definition_from_dict
+from gtf_tune.errors import GtfTuneError, StorageError
+from gtf_tune.execution import Executor
+from gtf_tune.pipelines import OptionValue
+from gtf_tune.store import studies
+from gtf_tune.store.database import Database
+from gtf_tune.store.runs import StoredRun
+from gtf_tune.store.studies import Study
+from gtf_tune.study.create import open_study
+from gtf_tune.study.evaluation import RunSlot
+from gtf_tune.study.events import Silent, StudyListener, TrialEnd
+from gtf_tune.study.heartbeat import GRACE_S, INTERVAL_S
+from gtf_tune.study.opened import OpenStudy
+from gtf_tune.study.places import SequencePlaces
+from gtf_tune.study.stop import StopRequest
+from gtf_tune.study.worker import StudyWorker
+
+_RETRY_REFUSED_S = 60.0
+_FIRST_PAUSE_S = 0.5
+_LONGEST_PAUSE_S = 10.0
+
+
+@dataclass(frozen=True)
+class ServingRules:
+    """Say what a worker serves and when it leaves.
+
+    ``names`` are the studies to serve, all where it is empty. ``idle_exit_s`` is how many seconds without work end it:
+    0 as soon as no study that it serves has anything left, infinity never. While others work on the last trials of a
+    study it is not idle but waits to take over from workers that die. ``beat_s`` and ``grace_s`` are those of
+    `StudyWorker`.
+    """
+
+    names: tuple[str, ...] = ()
+    places: SequencePlaces = field(default_factory=SequencePlaces)
+    allow_version_mismatch: bool = False
+    trial_parallel: int = 1
+    idle_exit_s: float = 0.0
+    beat_s: float = INTERVAL_S
+    grace_s: float = GRACE_S
+
+
+class _Counting:
+    """Pass everything on to a listener, and count the trials that began."""
+
+    def __init__(self, listener: StudyListener) -> None:
+        self._listener = listener
+        self.trials = 0
+
+    def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
+        self.trials += 1
+        self._listener.trial_started(ordinal, options, planned_runs)
+
+    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
+        self._listener.run_finished(slot, run, reused=reused)
+
+    def trial_finished(self, end: TrialEnd) -> None:
+        self._listener.trial_finished(end)
+
+
+@dataclass(frozen=True)
+class _Refusal:
+    record: Study
+    reason: str
+    until: float
+
+
+@dataclass(eq=False)
+class StudyServer:
+    """Take up open studies, oldest first, and go on to the next one where no trial is free.
+
+    A study that cannot be worked on here (images missing or different, another version of the pipeline) is left to
+    other workers; ``announce`` gets the reason once, and it is looked at again a minute later. ``listen`` makes the
+    listener of a study that work begins on.
+    """
+
+    database: Database
+    executor: Executor
+    rules: ServingRules
+    stop: StopRequest = field(default_factory=StopRequest)
+    announce: Callable[[str], None] = lambda text: None
+    listen: Callable[[OpenStudy], StudyListener] = lambda study: Silent()
+    _opened: dict[int, OpenStudy] = field(default_factory=dict)
+    _refused: dict[int, _Refusal] = field(default_factory=dict)
+
+    def serve(self) -> None:
+        """Serve until idle for long enough or asked to stop.
+
+        Raises
+        ------
+        StorageError
+            The database or this machine's disk is at fault.
+        """
+        idle_since, pause_s = time.monotonic(), _FIRST_PAUSE_S
+        while not self.stop.level:
+            open_now = self._open_now()
+            worked = [self._work_on(record) for record in open_now if not self.stop.level]
+            if any(worked):
+                idle_since, pause_s = time.monotonic(), _FIRST_PAUSE_S
+                continue
+            waits_for_others = any(record.id not in self._refused for record in open_now)
+            if not waits_for_others and time.monotonic() - idle_since >= self.rules.idle_exit_s:
+                return
+            self.stop.wait(pause_s * random.uniform(0.5, 1.0))
+            pause_s = min(1.5 * pause_s, _LONGEST_PAUSE_S)
+
+    def _open_now(self) -> list[Study]:
+        found = studies.open_studies(self.database)
+        for gone in set(self._opened) - {record.id for record in found}:
+            del self._opened[gone]
+        return [record for record in found if not self.rules.names or record.name in self.rules.names]
+
+    def _work_on(self, record: Study) -> bool:
+        """Work on a study while it has free slots, and return whether there was any."""
+        refusal = self._refused.get(record.id)
+        if refusal is not None and refusal.record == record and time.monotonic() < refusal.until:
+            return False
+        try:
+            return self._work(self._open(record))
+        except StorageError:
+            raise
+        except GtfTuneError as error:
+            self._refuse(record, str(error))
+            return False
+
+    def _work(self, study: OpenStudy) -> bool:
+        counted = _Counting(self.listen(study))
+        rules = self.rules
+        worker = StudyWorker(study, self.executor, self.stop, counted, beat_s=rules.beat_s, grace_s=rules.grace_s)
+        complete = worker.work_while_free(rules.trial_parallel)
+        return complete or counted.trials > 0
+
+    def _open(self, record: Study) -> OpenStudy:
+        """Return a study ready for work; opened again only if its definition changed, since that reads all images."""
+        known = self._opened.get(record.id)
+        if known is None or known.record != record:
+            definition = definition_from_dict(json.loads(record.definition), f"study '{record.name}'")
+            searched = {one.name for one in definition.searched_sequences}
+            stored = studies.sequences(self.database, record.id)
+            places = self.rules.places.of([one for one in stored if one.name in searched])
+            known = open_study(
+                self.database, record.name, places, allow_version_mismatch=self.rules.allow_version_mismatch
+            )
+            self._opened[record.id] = known
+            self._refused.pop(record.id, None)
+            self.announce(f"serving study '{record.name}'")
+        return known
+
+    def _refuse(self, record: Study, reason: str) -> None:
+        before = self._refused.get(record.id)
+        if before is None or before.reason != reason:
+            self.announce(f"study '{record.name}' is left to other workers: {reason}")
+        self._opened.pop(record.id, None)
+        self._refused[record.id] = _Refusal(record, reason, time.monotonic() + _RETRY_REFUSED_S)
