@@ -25,6 +25,13 @@ The rotation about a line is not observable. A straight line written to a text f
 """
 
 
+COMPARABLE_SIZE = 1e100
+"""How many times larger the source may be where its scale is not fitted; squares of more would overflow."""
+
+INCOMPARABLE = (
+    "expected trajectories of comparable size, but the second is over 1e100 times larger; look for divergence"
+)
+
 _ROUNDING = 8 * float(np.finfo(np.float64).eps)
 
 
@@ -128,6 +135,8 @@ def umeyama(source: FloatArray, target: FloatArray, kind: AlignmentKind = "sim3"
     from_source, from_target = normalised(source), normalised(target)
     # SE(3) keeps the unit that both sides share, Sim(3) gives each its own.
     ratio = from_source.unit / from_target.unit if kind == "se3" else 1.0
+    if ratio > COMPARABLE_SIZE:
+        raise TrajectoryError(INCOMPARABLE)
     found = align_all(
         from_target.points[np.newaxis], ratio * from_source.points[np.newaxis], np.ones((1, len(source))), kind
     )

@@ -62,9 +62,9 @@ def paired_difference(a: GtfScore, b: GtfScore, confidence: float = CONFIDENCE) 
     """Compare the errors of two settings under the same noise.
 
     The test is Student's on the logarithms of error ratios, (k, k_delta), with the variance of a two-way table
-    (`two_way_spread`), after leaving out the noise instances, fewer than half, whose ratio lies far from the median (by
-    a factor of 5 and 3.5 robust deviations): one collapsed run would hide any difference. Settings are compared by
-    geometric means whatever their aggregate is.
+    (`two_way_spread`), after leaving out the noise instances whose ratio lies far from the median (by a factor of 5 and
+    3.5 median absolute deviations, so always fewer than half): one collapsed run would hide any difference. Settings
+    are compared by geometric means whatever their aggregate is.
 
     Where one score has more noise instances than the other, the first ones, which both have, are compared.
 
@@ -103,8 +103,7 @@ def _comparable(a: GtfScore, b: GtfScore) -> tuple[FloatArray, BoolArray]:
     logarithms = _log_ratios(a, b)
     failed = np.asarray(np.isnan(logarithms).any(axis=0))
     far = far_from_median(np.where(failed, np.nan, logarithms.sum(axis=0) / max(len(logarithms), 1)))
-    # Once half of them differ nobody knows which half is the rule; leaving none out then shows as a wide interval.
-    left_out = failed | far if 2 * far.sum() < (~failed).sum() else failed
+    left_out = failed | far
     table = logarithms[:, ~left_out]
     if not len(table) or table.shape[1] < _FEWEST:
         worked = table.shape[1] if len(table) else 0

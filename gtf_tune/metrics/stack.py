@@ -5,13 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtf_tune.alignment import AlignmentKind, Alignments, align_all, normalised
-from gtf_tune.trajectory import FloatArray, IntArray, Trajectory
-
-_COMPARABLE = 1e100
-_INCOMPARABLE = (
-    "expected trajectories of comparable size, but the second is over 1e100 times larger; look for divergence"
+from gtf_tune.alignment import (
+    COMPARABLE_SIZE,
+    INCOMPARABLE,
+    AlignmentKind,
+    Alignments,
+    align_all,
+    normalised,
 )
+from gtf_tune.trajectory import FloatArray, IntArray, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +101,10 @@ def align_block(a: TrajectoryStack, row: int, b: TrajectoryStack, rows: slice, k
     if kind != "sim3":
         ratios = b.units[rows] / a.units[row]
         shifts = (b.origins[rows] - a.origins[row]) / a.units[row] if kind == "none" else np.zeros((len(ratios), 3))
-        apart = np.maximum(ratios, np.abs(shifts).max(axis=1, initial=0.0)) > _COMPARABLE
+        apart = np.maximum(ratios, np.abs(shifts).max(axis=1, initial=0.0)) > COMPARABLE_SIZE
         ratios[apart], shifts[apart] = 1.0, 0.0
         source = source * ratios[:, np.newaxis, np.newaxis] + shifts[:, :, np.newaxis]
     found = align_all(a.points[row : row + 1], source, a.known[row] * b.known[rows], kind)
-    reasons = tuple(_INCOMPARABLE if far else reason for far, reason in zip(apart, found.reasons, strict=True))
+    reasons = tuple(INCOMPARABLE if far else reason for far, reason in zip(apart, found.reasons, strict=True))
     scales = found.scales * (a.units[row] / b.units[rows] if kind == "sim3" else 1.0)
     return PairBlock(found, float(a.units[row]), scales, reasons)

@@ -1,5 +1,3 @@
-import warnings
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -121,6 +119,13 @@ def test_coinciding_points_are_refused(point):
         umeyama(np.tile(point, (20, 1)), cloud(0, 20))
 
 
+def test_points_that_differ_by_their_rounding_only_are_refused():
+    steps = np.random.default_rng(0).integers(-2, 3, size=(20, 3))
+
+    with pytest.raises(TrajectoryError, match="coincide"):
+        umeyama(1e6 + steps * np.spacing(1e6), cloud(0, 20))
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_points_that_are_not_finite_are_refused(value):
     broken = cloud(0)
@@ -137,10 +142,14 @@ def test_shapes_must_agree():
 
 @pytest.mark.parametrize("kind", ["sim3", "se3"])
 def test_unrelated_points_are_refused(kind):
-    # Positions whose covariance vanishes: every rotation fits equally well.
-    corners = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
-    swapped = np.array([[1.0, 0, 0], [1, 0, 0], [-1, 1, 0], [-1, -1, 0]])
-    assert np.abs(corners.T @ (swapped - swapped.mean(axis=0)))[:1].max() == 0
+    """Where the covariance has rank 1, every rotation about one axis fits equally well."""
+    square = np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    wedge = np.array([[1.0, 0, 0], [1, 0, 0], [-1, 1, 0], [-1, -1, 0]])
 
-    with warnings.catch_warnings(), pytest.raises(TrajectoryError, match="no rotation of one trajectory fits"):
-        umeyama(corners, swapped, kind)
+    with pytest.raises(TrajectoryError, match="no rotation of one trajectory fits"):
+        umeyama(square, wedge, kind)
+
+
+def test_a_rigid_motion_between_absurdly_different_sizes_is_refused():
+    with pytest.raises(TrajectoryError, match="comparable size"):
+        umeyama(1e250 * cloud(0), cloud(0), "se3")

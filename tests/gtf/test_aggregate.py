@@ -31,6 +31,12 @@ def test_aggregates_of_known_numbers():
     assert aggregate_matrix(matrix, "trimmed") == 3.0
 
 
+def test_trimming_drops_one_bad_column_of_three():
+    matrix = np.array([[1.0, 1.1, 100.0], [1.2, 1.3, 120.0]])
+
+    assert aggregate_matrix(matrix, "trimmed") == pytest.approx(1.25)
+
+
 @pytest.mark.parametrize("aggregate", AGGREGATES)
 @given(matrix=MATRICES, factor=st.floats(1e-6, 1e6))
 def test_aggregates_follow_the_unit(aggregate, matrix, factor):

@@ -63,6 +63,16 @@ def test_intervals_hold_the_truth_about_as_often_as_they_say(aggregate, noisy_ru
     assert low - 4 <= hits <= high
 
 
+@pytest.mark.parametrize("values", [[1.0, 1.01], [1.0, 1.01, 1.02]])
+def test_the_bootstrap_of_few_runs_is_not_too_narrow(values):
+    """Of two values the trimmed mean is the mean, whose variance is known; of three the median, which varies more."""
+    matrix = np.array([values])
+
+    bootstrapped, known = estimate(matrix, "trimmed", rng()), estimate(matrix, "mean", rng())
+
+    assert bootstrapped.standard_error > 0.95 * known.standard_error
+
+
 @pytest.mark.parametrize("aggregate", AGGREGATES)
 def test_uncertainty_follows_the_unit(aggregate):
     matrix = np.exp(table(1, (2, 6), 0.1, 0.3))

@@ -93,6 +93,17 @@ def test_tiny_rotations_keep_their_digits():
     assert rpe(a, b, RpeSettings("rotation")) == pytest.approx(np.degrees(1e-10), rel=1e-5)
 
 
+@pytest.mark.parametrize("relation", ["translation", "rotation"])
+def test_a_quaternion_and_its_negative_are_the_same_rotation(relation):
+    a, b = spiral(), spiral(rate=0.02)
+    signs = np.where(np.arange(60) % 3 == 0, -1.0, 1.0)[:, np.newaxis]
+    flipped = Trajectory(b.frame_ids, b.timestamps, b.positions, signs * b.quaternions)
+
+    chosen = RpeSettings(relation)
+
+    np.testing.assert_allclose(rpe_errors(a, flipped, chosen), rpe_errors(a, b, chosen), rtol=1e-12, atol=1e-14)
+
+
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["translation", "rotation"]))
 def test_relative_errors_ignore_the_world_frame(seed, relation):
     rng = np.random.default_rng(seed)

@@ -84,6 +84,10 @@ def test_other_names_are_counted_in_natural_order(tmp_path):
     assert found.names[2:] == ("img9.png", "img010.png", "img10.png")
 
 
+def test_the_same_numbers_in_two_folders_are_counted(tmp_path):
+    assert named(tmp_path, "left/1.png", "left/2.png", "right/1.png").frame_ids.tolist() == [0, 1, 2]
+
+
 def test_names_may_hold_spaces(tmp_path):
     assert named(tmp_path, "my photo 1.png").names == ("my photo 1.png",)
 
