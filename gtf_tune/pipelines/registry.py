@@ -21,6 +21,7 @@ _BUILT_IN = MappingProxyType(
         "analytic": "gtf_tune.pipelines.analytic:create",
         "colmap": "gtf_tune.pipelines.colmap:create",
         "colmap-hierarchical": "gtf_tune.pipelines.colmap:create_hierarchical",
+        "command": "gtf_tune.pipelines.command:create",
         "glomap": "gtf_tune.pipelines.glomap:create",
     }
 )

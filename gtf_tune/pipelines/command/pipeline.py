@@ -1,0 +1,58 @@
+"""Run any program as a pipeline, from a definition of its command line, its options and its output."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from gtf_tune.pipelines.base import PipelineJob, PipelineOutput
+from gtf_tune.pipelines.command.inputs import prepare
+from gtf_tune.pipelines.command.output import read_output
+from gtf_tune.pipelines.command.resolution import ResolvedCommand, resolve
+from gtf_tune.pipelines.command.steps import StepRun
+from gtf_tune.pipelines.options import OptionTable
+
+
+@dataclass
+class CommandPipeline:
+    """Run the programs of a definition one after the other and read the trajectory that they leave."""
+
+    name: str
+    version: str
+    settings: Mapping[str, str]
+    command: ResolvedCommand
+
+    @property
+    def options(self) -> OptionTable:
+        """Return the options of the definition."""
+        return OptionTable(self.name, self.command.definition.option_specs())
+
+    def run(self, job: PipelineJob) -> PipelineOutput:
+        """Return the trajectory that the programs leave.
+
+        Raises
+        ------
+        RunError
+            A program did not end as it should, or its trajectory is missing or unusable.
+        """
+        inputs = prepare(self.command, job)
+        diagnostics = StepRun(self.command, job, inputs).run()
+        output = self.command.definition.output
+        trajectory = read_output(output, Path(str(inputs.values["output"])), inputs.names, job)
+        return PipelineOutput(trajectory, {"num_poses": len(trajectory), **diagnostics})
+
+
+def create(settings: Mapping[str, object]) -> CommandPipeline:
+    """Return the pipeline ``command`` for a preset, a definition file or a whole definition.
+
+    Raises
+    ------
+    DefinitionError
+        The definition is wrong, or something that it names is not on this machine; every fault is named.
+    """
+    command = resolve(settings)
+    return CommandPipeline(
+        name="command",
+        version=command.version,
+        settings={"source": command.source, "identity": command.identity},
+        command=command,
+    )

@@ -1,0 +1,26 @@
+"""Find the definitions of programs that come with gtf-tune."""
+
+import tomllib
+from difflib import get_close_matches
+from importlib.resources import files
+from typing import Any
+
+from gtf_tune.errors import DefinitionError
+
+_SUFFIX = ".toml"
+
+
+def preset_names() -> tuple[str, ...]:
+    """Return the names of all presets, sorted."""
+    folder = files("gtf_tune.pipelines") / "presets"
+    return tuple(sorted(one.name.removesuffix(_SUFFIX) for one in folder.iterdir() if one.name.endswith(_SUFFIX)))
+
+
+def load_preset(name: str) -> dict[str, Any]:
+    """Return the tables of a preset, or raise `DefinitionError` with the nearest names."""
+    if name not in preset_names():
+        near = get_close_matches(name, preset_names(), n=2, cutoff=0.4)
+        hint = f"did you mean {' or '.join(repr(one) for one in near)}" if near else "is it not"
+        raise DefinitionError(f"there is no preset '{name}'; {hint} one of {', '.join(preset_names())}?")
+    path = files("gtf_tune.pipelines") / "presets" / f"{name}{_SUFFIX}"
+    return tomllib.loads(path.read_text(encoding="utf-8"))

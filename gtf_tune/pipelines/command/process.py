@@ -1,0 +1,107 @@
+"""Start a program so that nothing of it outlives the run, and tell how it ended."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gtf_tune.errors import RunError
+
+LOG_LIMIT_BYTES = 5 * 10**6
+"""What one program may add to the log of a run; the middle of more than that is left out."""
+
+_SUPERVISOR = Path(__file__).with_name("supervisor.py")
+_OWN_VARIABLES = "GTF_TUNE_"
+_NEAR_LIMIT = 0.8
+_GB = 10**9
+
+
+@dataclass(frozen=True)
+class ProgramExit:
+    """Hold how a program ended: a negative ``exit_code`` is the signal that killed it."""
+
+    exit_code: int
+    last_line: str
+    peak_memory_bytes: int
+    wall_s: float
+
+
+def run_program(
+    arguments: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str],
+    report: Path,
+    held_files: Collection[int] = (),
+) -> ProgramExit:
+    """Run a program in a working folder to its end, with its output on this process's standard output.
+
+    If this process ends first, in whatever way, the program and all that it started are killed. ``environment`` is
+    added to that of this process, from which gtf-tune's own variables are withheld: they may hold a password.
+    ``held_files`` are descriptors of lock files that stay open until the last process of the program is gone.
+
+    Raises
+    ------
+    RunError
+        The program cannot be started, or its supervisor was killed.
+    """
+    started = time.perf_counter()
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith(_OWN_VARIABLES)}
+    sys.stdout.flush()
+    lifeline, held_end = os.pipe()
+    try:
+        ended = subprocess.run(
+            [sys.executable, "-I", "-S", str(_SUPERVISOR), str(report), str(LOG_LIMIT_BYTES), *arguments],
+            stdin=lifeline,
+            stdout=1,
+            stderr=2,
+            cwd=folder,
+            env={**inherited, **environment},
+            start_new_session=True,
+            pass_fds=tuple(held_files),
+            check=False,
+        )
+    finally:
+        os.close(lifeline)
+        os.close(held_end)
+    return _read_report(report, arguments[0], ended.returncode, time.perf_counter() - started)
+
+
+def check_exit(name: str, ended: ProgramExit, accepted: Collection[int] = (0,)) -> None:
+    """Raise `RunError` with the reason if a program did not end as it should."""
+    if ended.exit_code in accepted:
+        return
+    words = f"; its last words: {ended.last_line}" if ended.last_line else ""
+    raise RunError(f"{name} {_how(ended)}{_memory(ended)}{words}")
+
+
+def _how(ended: ProgramExit) -> str:
+    if ended.exit_code >= 0:
+        return f"ended with exit code {ended.exit_code}"
+    known = -ended.exit_code in set(signal.Signals)
+    return f"was ended by {signal.Signals(-ended.exit_code).name if known else f'signal {-ended.exit_code}'}"
+
+
+def _memory(ended: ProgramExit) -> str:
+    limit, _ = resource.getrlimit(resource.RLIMIT_DATA)
+    if limit != resource.RLIM_INFINITY and ended.peak_memory_bytes > _NEAR_LIMIT * limit:
+        return (
+            f" after taking {ended.peak_memory_bytes / _GB:.1f} GB of the {limit / _GB:.1f} GB that a run may have "
+            "(limits.run_memory_gb)"
+        )
+    return ", most likely for want of memory" if ended.exit_code == -signal.SIGKILL else ""
+
+
+def _read_report(report: Path, program: str, supervisor_code: int, wall_s: float) -> ProgramExit:
+    try:
+        content = json.loads(report.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise RunError(f"the supervisor of {program} was killed (exit code {supervisor_code})") from error
+    if "cannot_start" in content:
+        raise RunError(f"cannot start {program}: {content['cannot_start']}")
+    return ProgramExit(wall_s=wall_s, **content)

@@ -1,0 +1,97 @@
+"""Find the programs of a definition on this machine, and tell their versions."""
+
+import hashlib
+import re
+import shutil
+import subprocess
+from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
+from pathlib import Path
+
+from gtf_tune.errors import DefinitionError
+from gtf_tune.pipelines.command.definition import CommandDefinition, words_of
+from gtf_tune.pipelines.command.templates import NoValueError, Value, fields_of, filled
+from gtf_tune.pipelines.run import digest
+
+_VERSION_TIMEOUT_S = 60
+_LONGEST_VERSION = 100
+_SHORT_DIGEST = 12
+
+
+def program_faults(definition: CommandDefinition, parameters: Mapping[str, Value]) -> Iterator[str]:
+    """Yield one sentence for each step whose program is not on this machine."""
+    for step in definition.all_steps:
+        program = _program(words_of(step.arguments), parameters)
+        if not program:
+            yield f"step '{step.name}' must start with a program"
+        elif shutil.which(program) is None:
+            yield f"step '{step.name}': there is no program '{program}' that can be run; install it or give its path"
+
+
+def program_version(definition: CommandDefinition, parameters: Mapping[str, Value]) -> str:
+    """Return what the version command says, or without one a digest of the programs' files.
+
+    Raises
+    ------
+    DefinitionError
+        The version command fails, or says something else than expected.
+    """
+    if definition.version_command:
+        return _asked_version(definition, parameters)
+    programs = [shutil.which(_program(words_of(step.arguments), parameters)) for step in definition.all_steps]
+    return "sha256:" + digest([file_digest(Path(str(program))) for program in programs])[:_SHORT_DIGEST]
+
+
+def file_digest(path: Path) -> str:
+    """Return the hex SHA-256 of a file, computed once for as long as its size and time stay."""
+    status = path.stat()
+    return _digest_of(path, status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(maxsize=256)
+def _digest_of(path: Path, size: int, modified_ns: int) -> str:
+    del size, modified_ns
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _program(words: Iterable[str], parameters: Mapping[str, Value]) -> str:
+    return next(_known_words(words, parameters), "")
+
+
+def _known_words(words: Iterable[str], parameters: Mapping[str, Value]) -> Iterator[str]:
+    """Yield the words that a command starts with as far as parameters alone decide them."""
+    for word in words:
+        names = [name for name, _ in fields_of(word)]
+        alone = len(names) == 1 and word == f"{{{names[0]}}}"
+        value = parameters.get(names[0], ()) if alone else None
+        if isinstance(value, tuple):
+            yield from value
+            continue
+        try:
+            yield filled(word, parameters)
+        except NoValueError:
+            return
+
+
+def _asked_version(definition: CommandDefinition, parameters: Mapping[str, Value]) -> str:
+    words = list(_known_words(definition.version_command, parameters))
+    try:
+        answer = subprocess.run(
+            words,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            timeout=_VERSION_TIMEOUT_S,
+            check=False,
+        ).stdout.decode(errors="replace")
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise DefinitionError(f"the version command {words} failed ({error}); mend 'version_command'") from error
+    found = re.search(definition.version_pattern or r"\S.*", answer)
+    if found is None:
+        raise DefinitionError(
+            f"the version command {words} did not print what is expected ('{definition.version_pattern}'), but "
+            f"{answer.strip()[:_LONGEST_VERSION]!r}; mend 'version_command' or 'version_pattern'"
+        )
+    version = found[1] if found.re.groups else found[0]
+    return version.strip()[:_LONGEST_VERSION]

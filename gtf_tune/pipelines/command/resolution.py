@@ -1,0 +1,168 @@
+"""Turn the settings of the pipeline ``command`` into a definition, the user's parameters, a version and an identity."""
+
+import os
+import shutil
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from gtf_tune.errors import DefinitionError
+from gtf_tune.pipelines.command.definition import CommandDefinition, ParameterDefinition, words_of
+from gtf_tune.pipelines.command.faults import numbered, read_command
+from gtf_tune.pipelines.command.file_defaults import with_file_defaults
+from gtf_tune.pipelines.command.presets import load_preset, preset_names
+from gtf_tune.pipelines.command.programs import file_digest, program_faults, program_version
+from gtf_tune.pipelines.command.templates import Value
+from gtf_tune.pipelines.run import digest
+
+_MERGED = ("options", "environment", "parameters")
+_NOT_RESULTS: Any = {
+    "description": True,
+    "sources": True,
+    "version_command": True,
+    "version_pattern": True,
+    "parameters": {"__all__": {"documentation", "choices", "default"}},
+    "options": {"__all__": {"documentation", "choices", "low", "high"}},
+}
+
+
+@dataclass(frozen=True)
+class ResolvedCommand:
+    """Hold a definition, what its parameters stand for, and what its results depend on besides options.
+
+    ``identity`` digests the definition, the texts among the parameters and the contents of every file they name.
+    """
+
+    source: str
+    definition: CommandDefinition
+    parameters: Mapping[str, Value]
+    identity: str
+    version: str
+
+
+def resolve(settings: Mapping[str, object]) -> ResolvedCommand:
+    """Return what settings stand for: a preset or a definition file with parameters, or a whole definition.
+
+    Raises
+    ------
+    DefinitionError
+        Something is unknown, missing, contradictory or not on this machine; every fault is named.
+    """
+    source, base = _base(settings)
+    own = {name: value for name, value in settings.items() if name not in ("preset", "definition")}
+    data, given = _merged(base, own)
+    definition, faults = read_command(data)
+    parameters: dict[str, Value] = {}
+    if not faults or definition != CommandDefinition():
+        faults += _unknown(definition, given)
+        parameters, parameter_faults = _parameters(definition, given)
+        faults += parameter_faults
+    if not faults:
+        definition, faults = with_file_defaults(definition, parameters)
+        faults += program_faults(definition, parameters)
+    if faults:
+        raise DefinitionError(f"pipeline 'command' ({source}): {numbered(faults)}")
+    identity = digest(_identity(definition, parameters))
+    return ResolvedCommand(source, definition, parameters, identity, program_version(definition, parameters))
+
+
+def _base(settings: Mapping[str, object]) -> tuple[str, dict[str, Any]]:
+    preset, path = settings.get("preset"), settings.get("definition")
+    if preset is not None and path is not None:
+        raise DefinitionError("pipeline 'command': give either 'preset' or 'definition', not both")
+    if preset is not None:
+        return f"preset '{preset}'", load_preset(str(preset))
+    if path is not None:
+        return str(path), _read(Path(str(path)).expanduser())
+    if not ("arguments" in settings or "steps" in settings):
+        raise DefinitionError(
+            "pipeline 'command' needs to know a program: give the setting 'preset' "
+            f"(one of {', '.join(preset_names())}), 'definition' (the path of a TOML file), or 'arguments'"
+        )
+    return "settings", {}
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DefinitionError(f"pipeline 'command': {path} is no readable TOML file ({error})") from error
+
+
+def _merged(base: dict[str, Any], own: Mapping[str, object]) -> tuple[dict[str, Any], dict[str, object]]:
+    """Return the definition with the user's changes, and what is left: values of parameters."""
+    data, given = dict(base), {}
+    for name, value in own.items():
+        if name in _MERGED and isinstance(value, Mapping) and isinstance(data.get(name), Mapping):
+            data[name] = {**data[name], **value}
+        elif name in CommandDefinition.model_fields:
+            data[name] = value
+        else:
+            given[name] = value
+    return data, given
+
+
+def _unknown(definition: CommandDefinition, given: Mapping[str, object]) -> Iterator[str]:
+    known = [*definition.parameters, *CommandDefinition.model_fields]
+    for name in given:
+        if name not in definition.parameters:
+            near = get_close_matches(name, known, n=2, cutoff=0.5)
+            hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known are {', '.join(known)}"
+            yield f"unknown setting '{name}'; {hint}"
+
+
+def _parameters(definition: CommandDefinition, given: Mapping[str, object]) -> tuple[dict[str, Value], list[str]]:
+    """Return the value of each parameter that has one, and the faults."""
+    values: dict[str, Value] = {}
+    faults = []
+    for name, parameter in definition.parameters.items():
+        value = given.get(name, parameter.default)
+        if value is None:
+            faults.append(f"the {parameter.kind} '{name}' is missing: {parameter.documentation or 'give it'}")
+        elif value != "":
+            try:
+                values[name] = _parameter(name, parameter, value)
+            except DefinitionError as error:
+                faults.append(str(error))
+    return values, faults
+
+
+def _parameter(name: str, parameter: ParameterDefinition, value: object) -> Value:
+    if parameter.kind == "arguments":
+        if isinstance(value, list | tuple) and all(isinstance(word, str) for word in value):
+            return tuple(value)
+        raise DefinitionError(f"'{name}' must be a list of words, not {value!r}")
+    if not isinstance(value, str | int | float):
+        raise DefinitionError(f"'{name}' must be a {parameter.kind}, not {value!r}")
+    if parameter.choices and str(value) not in parameter.choices:
+        raise DefinitionError(f"'{name}' must be one of {', '.join(parameter.choices)}, not {value!r}")
+    if parameter.kind == "text":
+        return str(value).lower() if isinstance(value, bool) else str(value)
+    if parameter.kind == "executable":
+        return _executable(name, str(value))
+    path = Path(str(value)).expanduser().absolute()
+    if path.is_file() if parameter.kind == "file" else path.is_dir():
+        return path
+    raise DefinitionError(f"'{name}': there is no {parameter.kind} {path}")
+
+
+def _executable(name: str, value: str) -> Path:
+    found = shutil.which(os.path.expanduser(value))
+    if found is None:
+        raise DefinitionError(f"'{name}': there is no program '{value}' that can be run; install it or give its path")
+    return Path(found).absolute()
+
+
+def _identity(definition: CommandDefinition, parameters: Mapping[str, Value]) -> dict[str, object]:
+    by_kind = {name: parameter.kind for name, parameter in definition.parameters.items()}
+    values = {
+        name: file_digest(Path(str(value))) if by_kind[name] == "file" else str(value)
+        for name, value in parameters.items()
+        if by_kind[name] not in ("executable", "folder")
+    }
+    words = [word for step in definition.all_steps for word in words_of(step.arguments)]
+    files = {word: file_digest(Path(word)) for word in words if Path(word).is_absolute() and Path(word).is_file()}
+    return {"definition": definition.model_dump(mode="json", exclude=_NOT_RESULTS), "values": values, "files": files}

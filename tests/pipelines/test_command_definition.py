@@ -1,0 +1,232 @@
+"""Definitions of commands are checked whole, and identify exactly what results depend on."""
+
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gtf_tune.errors import DefinitionError, OptionError
+from gtf_tune.pipelines.command import create
+from gtf_tune.pipelines.command.camera import opencv_camera
+from gtf_tune.pipelines.command.templates import fields_of, filled, filled_arguments
+from gtf_tune.sequence import Camera
+
+PROGRAM = [sys.executable, "-c", "pass"]
+
+
+def faults(settings: Mapping[str, object]) -> str:
+    with pytest.raises(DefinitionError) as caught:
+        create(settings)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("settings", "fault"),
+    [
+        ({}, r"needs to know a program: give the setting 'preset' \(one of colmap-3\.8, .*orb_slam3"),
+        ({"preset": "orbslam3"}, "no preset 'orbslam3'; did you mean 'orb_slam3'"),
+        ({"preset": "dso", "definition": "x.toml"}, "either 'preset' or 'definition'"),
+        ({"definition": "/no/such.toml"}, "no readable TOML file"),
+        ({"arguments": PROGRAM, "steps": [{"name": "a", "arguments": PROGRAM}]}, "either 'arguments'"),
+        ({"arguments": ["no-such-program-here"]}, "no program 'no-such-program-here'"),
+        ({"arguments": [["{camera_fx}"]]}, "must start with a program"),
+        ({"arguments": [*PROGRAM, "{imges}"]}, "unknown placeholder '{imges}'"),
+        ({"arguments": [*PROGRAM, "{images"]}, "is no template"),
+        ({"arguments": [*PROGRAM, "{images.__class__}"]}, "which is no name"),
+        ({"arguments": [*PROGRAM, "{images[0]}"]}, "which is no name"),
+        ({"arguments": [*PROGRAM, "{option:x}"]}, "'{option:x}' names no option"),
+        ({"arguments": [*PROGRAM, "{settings_file}"]}, "names no settings file"),
+        ({"arguments": [*PROGRAM, "{file:a}"]}, "names no file"),
+        ({"arguments": PROGRAM, "options": {"x": {"default": 1}}}, "option 'x' reaches no program"),
+        ({"arguments": PROGRAM, "options": {"x": {"default": 1, "key": "a"}}}, "belongs to no settings file"),
+        ({"arguments": [*PROGRAM, "{options}"], "options": {"x": {"default": 1, "step": "a"}}}, "no step 'a'"),
+        ({"arguments": [*PROGRAM, "{options}"], "options": {"x": {"default": 1, "low": 2}}}, r"outside \[2, inf\]"),
+        ({"arguments": [*PROGRAM, "{options}"], "options": {"x": {"default": "a", "choices": ["b"]}}}, "its choices"),
+        ({"arguments": [*PROGRAM, "{options}"], "options": {"x": {"default": 1, "choices": ["1"]}}}, "texts only"),
+        ({"arguments": PROGRAM, "output": {"path": "../x"}}, "must lie inside the workspace"),
+        ({"arguments": PROGRAM, "files": [{"path": "/etc/x"}]}, "must lie inside the workspace"),
+        ({"arguments": PROGRAM, "images": {"name": "{index}.jpg"}}, r"must end in \.pgm or \.png"),
+        ({"arguments": PROGRAM, "output": {"format": "colmap"}}, "associated by 'name'"),
+        ({"arguments": PROGRAM, "output": {"format": "kitti"}}, "its association is 'row'"),
+        ({"arguments": PROGRAM, "outputs": {}}, r"unknown setting 'outputs'; did you mean 'output' or"),
+        ({"arguments": PROGRAM, "output": {"formt": "tum"}}, "unknown key 'output.formt'"),
+        ({"arguments": PROGRAM, "parameters": {"images": {}}, "images": {}}, "cannot be called 'images'"),
+        ({"arguments": PROGRAM, "parameters": {"x": {"kind": "file"}}}, "the file 'x' is missing"),
+        ({"arguments": PROGRAM, "parameters": {"x": {"kind": "file"}}, "x": "/no/file"}, "no file /no/file"),
+        ({"arguments": PROGRAM, "parameters": {"x": {"kind": "folder"}}, "x": "/no/dir"}, "no folder /no/dir"),
+        ({"arguments": PROGRAM, "parameters": {"x": {"kind": "executable"}}, "x": "/no/exe"}, "no program '/no/exe'"),
+        ({"arguments": PROGRAM, "parameters": {"x": {"kind": "arguments"}}, "x": "a b"}, "must be a list of words"),
+        ({"arguments": PROGRAM, "parameters": {"x": {"choices": ["a"]}}, "x": "b"}, "one of a, not 'b'"),
+        ({"arguments": PROGRAM, "version_command": ["no-such-program-here"]}, "version command .* failed"),
+        ({"arguments": PROGRAM, "version_command": PROGRAM}, "did not print what is expected"),
+        ({"steps": [{"name": "a/b", "arguments": PROGRAM}]}, "letters, digits"),
+        ({"steps": [{"name": "a", "arguments": PROGRAM}] * 2}, "different names"),
+        ({"steps": [{"name": n, "arguments": PROGRAM, "cached": n == "b"} for n in "ab"]}, "cached steps must come"),
+    ],
+)
+def test_a_fault_is_told(settings: Mapping[str, object], fault: str) -> None:
+    assert re.search(fault, faults(settings))
+
+
+def test_all_faults_are_told_at_once() -> None:
+    told = faults(
+        {
+            "arguments": [*PROGRAM, "{nothing}"],
+            "images": {"name": "a.jpg"},
+            "folders": ["/tmp"],
+            "parameters": {"x": {"kind": "file"}},
+            "colour": 1,
+        }
+    )
+
+    assert told.startswith("pipeline 'command' (settings): 5 faults: (1) ")
+    for fault in ("{nothing}", "a.jpg", "/tmp", "file 'x' is missing", "'colour'"):
+        assert fault in told
+
+
+def test_an_option_of_one_step_may_not_be_read_by_another_when_steps_are_cached() -> None:
+    steps = [
+        {"name": "a", "cached": True, "arguments": [*PROGRAM, "{options}"]},
+        {"name": "b", "arguments": [*PROGRAM, "{option:x}"]},
+    ]
+
+    assert "read outside step 'a'" in faults({"steps": steps, "options": {"x": {"default": 1, "step": "a"}}})
+
+
+def test_options_are_checked_like_those_of_every_pipeline() -> None:
+    pipeline = create(
+        {
+            "arguments": [*PROGRAM, "{options}"],
+            "options": {"rate": {"default": 0.5, "low": 0.0, "high": 1.0, "documentation": "How fast."}},
+        }
+    )
+
+    assert pipeline.options.check({"rate": 1}) == {"rate": 1.0}
+    assert pipeline.options.specs["rate"].documentation == "How fast."
+    with pytest.raises(OptionError, match="must lie in"):
+        pipeline.options.check({"rate": 2.0})
+
+
+def test_defaults_come_from_the_settings_file(tmp_path: Path) -> None:
+    template = tmp_path / "orb.yaml"
+    template.write_text("%YAML:1.0\nORB.n: 2000\nORB.on: 0\n")
+    settings: dict[str, Any] = {
+        "arguments": [*PROGRAM, "{settings_file}"],
+        "settings_files": [{"template": str(template)}],
+        "options": {"n": {"default": 1000, "key": "ORB.n"}, "on": {"default": True, "key": "ORB.on"}},
+    }
+
+    specs = create(settings).options.specs
+
+    assert (specs["n"].default, specs["on"].default) == (2000, False)
+    template.write_text("%YAML:1.0\nORB.m: 2000\nORB.on: often\n")
+    told = faults(settings)
+    assert "no key 'ORB.n'; did you mean" in told
+    assert "takes true or false, not 'often'" in told
+
+
+def test_a_definition_file_takes_the_users_parameters_and_changes(tmp_path: Path) -> None:
+    (tmp_path / "solver.toml").write_text(
+        "arguments = ['{program}', '{options}']\n[parameters]\nprogram = { kind = 'executable' }\n"
+        "[options]\na = { default = 1 }\nb = { default = 2 }\n"
+    )
+    pipeline = create(
+        {
+            "definition": str(tmp_path / "solver.toml"),
+            "program": sys.executable,
+            "options": {"b": {"default": 3}, "c": {"default": 4}},
+            "exit_codes": [0, 2],
+        }
+    )
+
+    defaults = {name: spec.default for name, spec in pipeline.options.specs.items()}
+    assert defaults == {"a": 1, "b": 3, "c": 4}
+    assert pipeline.command.definition.exit_codes == (0, 2)
+
+
+def test_the_identity_follows_contents_and_not_places(tmp_path: Path) -> None:
+    def identity(name: str, text: str, **more: object) -> str:
+        (tmp_path / name).write_text(text)
+        settings = {"arguments": [*PROGRAM, "{weights}"], "parameters": {"weights": {"kind": "file"}}}
+        return create({**settings, "weights": str(tmp_path / name), **more}).settings["identity"]
+
+    first = identity("a", "one")
+    assert identity("b", "one") == first
+    assert identity("b", "one", description="words") == first
+    assert identity("a", "two") != first
+    assert identity("b", "one", environment={"X": "1"}) != first
+
+
+def test_ranges_and_documentation_do_not_change_the_identity() -> None:
+    def identity(**option: object) -> str:
+        return create({"arguments": [*PROGRAM, "{options}"], "options": {"x": option}}).settings["identity"]
+
+    assert identity(default=1) == identity(default=1, low=0, high=9, documentation="x")
+    assert identity(default=1) != identity(default=2)
+
+
+def test_a_literal_script_counts_by_its_contents(tmp_path: Path) -> None:
+    script = tmp_path / "run.py"
+    identities = set()
+    for text in ("pass", "pass  # changed"):
+        script.write_text(text)
+        identities.add(create({"arguments": [sys.executable, str(script)]}).settings["identity"])
+
+    assert len(identities) == 2
+
+
+def test_the_version_is_what_the_program_says() -> None:
+    says = [sys.executable, "-c", "print(); print('Solver 1.2 (abc)')"]
+
+    assert create({"arguments": PROGRAM, "version_command": says}).version == "Solver 1.2 (abc)"
+    assert create({"arguments": PROGRAM, "version_command": says, "version_pattern": r"r (\S+)"}).version == "1.2"
+    assert create({"arguments": PROGRAM}).version.startswith("sha256:")
+
+
+def test_groups_without_a_value_are_left_out_and_lists_spread() -> None:
+    arguments = ("{launcher}", "a", ("--fx", "{camera_fx}"), ("--n", "{n}"))
+
+    words = filled_arguments(arguments, {"launcher": ("x", "-y"), "n": 1.5}, ("no", "yes"))
+
+    assert words == ["x", "-y", "a", "--n", "1.5"]
+
+
+def test_values_are_written_exactly() -> None:
+    assert (
+        filled("{a} {b} {c:.2f} {d:d} {{x}}", {"a": 0.1, "b": True, "c": 1 / 3, "d": 2.6}, ("0", "1"))
+        == "0.1 1 0.33 3 {x}"
+    )
+
+
+@given(st.text())
+def test_no_template_is_evaluated(text: str) -> None:
+    try:
+        names = fields_of(text)
+    except DefinitionError:
+        return
+    assert all(name.isidentifier() for name, _ in names)
+
+
+@pytest.mark.parametrize(
+    ("model", "params", "expected"),
+    [
+        ("SIMPLE_RADIAL", (50.0, 32.0, 24.0, 0.1), (50.0, 50.0, 31.5, 23.5, "0.1 0.0 0.0 0.0")),
+        ("PINHOLE", (50.0, 51.0, 32.0, 24.0), (50.0, 51.0, 31.5, 23.5, "")),
+        ("FULL_OPENCV", (5.0, 6.0, 3.0, 2.0, 1, 2, 3, 4, 5, 0, 0, 0), (5.0, 6.0, 2.5, 1.5, "1.0 2.0 3.0 4.0 5.0")),
+    ],
+)
+def test_cameras_are_given_in_opencvs_convention(
+    model: str, params: tuple[float, ...], expected: tuple[object, ...]
+) -> None:
+    values = opencv_camera(Camera(model, 64, 48, params))
+
+    assert tuple(values[name] for name in ("fx", "fy", "cx", "cy", "distortion")) == expected
+
+
+def test_other_camera_models_have_no_opencv_numbers() -> None:
+    assert opencv_camera(Camera("FOV", 64, 48, (50.0, 50.0, 32.0, 24.0, 0.9))) == {}
