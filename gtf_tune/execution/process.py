@@ -1,30 +1,52 @@
 """Set up, limit and measure the process that a run lives in."""
 
 import contextlib
-import ctypes
+import multiprocessing
 import os
 import resource
 import signal
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-_PR_SET_PDEATHSIG = 1
+_WARDEN = Path(__file__).with_name("warden.py")
 _KIB = 1024
 
 
 def initialise_worker() -> None:
-    """Prepare a worker process: it dies with its parent and leaves Ctrl-C to it."""
+    """Prepare a worker process: it and all that its runs start end with its parent, and it leaves Ctrl-C to it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    die_with_parent()
     os.environ["OMP_NUM_THREADS"] = "1"
+    if hasattr(os, "pidfd_open"):
+        os.setpgid(0, 0)
+        _set_warden()
 
 
-def die_with_parent() -> None:
-    """Ask the kernel to kill this process when the one that started it ends (Linux; a no-op elsewhere)."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+def _set_warden() -> None:
+    """Start a process that kills this process's group when it or its parent is gone (Linux; see `warden`).
+
+    PR_SET_PDEATHSIG would be simpler, but it fires when the *thread* ends that started this process.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None or parent.pid is None:
+        return
+    try:
+        watched = [os.pidfd_open(parent.pid), os.pidfd_open(os.getpid())]
+    except ProcessLookupError:
+        os._exit(1)
+    subprocess.Popen(
+        [sys.executable, "-I", "-S", str(_WARDEN), str(os.getpgid(0)), *map(str, watched)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        pass_fds=watched,
+        start_new_session=True,
+        cwd="/",
+    )
+    for descriptor in watched:
+        os.close(descriptor)
 
 
 @contextlib.contextmanager
