@@ -64,6 +64,19 @@ class KilledFirst(_Double):
 
 
 @dataclass
+class LosesItsHost(_Double):
+    """Kill the process that started this one, the first time."""
+
+    def run(self, job: PipelineJob) -> PipelineOutput:
+        with self.note.open("a") as note:
+            note.write("x")
+        if len(self.note.read_text()) <= 1:
+            os.kill(os.getppid(), signal.SIGKILL)
+            signal.pause()
+        return analytic().run(job)
+
+
+@dataclass
 class Hanging(_Double):
     """Write down the process and never end."""
 

@@ -1,0 +1,105 @@
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
+
+from gtf_tune.cli.executors import make_executor  # noqa: E402
+from gtf_tune.errors import DefinitionError, SequenceError  # noqa: E402
+from gtf_tune.execution import RunLimits  # noqa: E402
+from gtf_tune.execution.dask import DaskExecutor  # noqa: E402
+from gtf_tune.execution.dask_worker import DATA_ROOT_VARIABLE, checked_here  # noqa: E402
+from gtf_tune.sequence import load_sequence  # noqa: E402
+from tests.execution.doubles import Hanging, LosesItsHost, analytic, request_of  # noqa: E402
+from tests.execution.executor_contract import LIMITS, WAIT_S, ExecutorContract  # noqa: E402
+from tests.study.conftest import write_sequence  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[object]:
+    """Yield a cluster of two workers in processes of this machine."""
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+    ) as local:
+        yield local
+
+
+@pytest.fixture(scope="module")
+def executor(cluster: distributed.LocalCluster) -> Iterator[DaskExecutor]:
+    with DaskExecutor(cluster.scheduler_address) as connected:
+        yield connected
+
+
+@pytest.fixture
+def room(tmp_path: Path) -> Path:
+    return write_sequence(tmp_path / "room", ground_truth=False)
+
+
+class TestDaskExecutor(ExecutorContract):
+    """Check the promises of every executor."""
+
+
+def test_a_lost_worker_costs_its_runs_only(
+    executor: DaskExecutor, cluster: distributed.LocalCluster, tmp_path: Path
+) -> None:
+    others = [executor.submit(request_of(analytic(), index), LIMITS) for index in range(4)]
+    future = executor.submit(request_of(LosesItsHost(tmp_path / "note")), LIMITS)
+
+    assert future.result(2 * WAIT_S).status == "ok"
+    assert (tmp_path / "note").read_text() == "xx"
+    assert {other.result(WAIT_S).status for other in others} == {"ok"}
+
+
+def test_what_no_worker_has_begun_can_be_cancelled(executor: DaskExecutor, tmp_path: Path) -> None:
+    limits = RunLimits(timeout_s=2.0, memory_bytes=2**30)
+    futures = [executor.submit(request_of(Hanging(tmp_path / "pid"), index), limits) for index in range(12)]
+
+    executor.cancel_waiting()
+
+    begun = [future for future in futures if not future.cancelled()]
+    assert len(begun) < len(futures)
+    assert {future.result(WAIT_S).status for future in begun} <= {"failed"}
+
+
+def test_a_scheduler_that_does_not_answer_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+    from gtf_tune.execution import dask
+
+    monkeypatch.setattr(dask, "_CONNECT_TIMEOUT_S", 0.2)
+    with pytest.raises(DefinitionError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
+        make_executor(1, None, "dask://127.0.0.1:9")
+
+
+def test_an_address_of_another_kind_is_refused() -> None:
+    with pytest.raises(DefinitionError, match=r"takes local or dask://HOST:PORT, not 'slurm'"):
+        make_executor(1, None, "slurm")
+
+
+def test_without_dask_the_command_to_install_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(DefinitionError, match=r"pip install 'gtf-tune\[dask\]'"):
+        DaskExecutor("tcp://127.0.0.1:9")
+
+
+def test_a_worker_finds_images_below_its_own_data_root(
+    room: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sequence = load_sequence(room)
+    assert sequence.fingerprint
+    (tmp_path / "elsewhere").mkdir()
+    room.rename(tmp_path / "elsewhere" / "room")
+    monkeypatch.setenv(DATA_ROOT_VARIABLE, str(tmp_path / "elsewhere"))
+
+    assert checked_here(sequence).frames[0].path.is_relative_to(tmp_path / "elsewhere")
+
+
+def test_a_worker_refuses_other_pixels(room: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sequence = load_sequence(room)
+    assert sequence.fingerprint
+    frames = sorted((room / "rgb").glob("*.png"))
+    frames[0].write_bytes(frames[1].read_bytes())
+
+    with pytest.raises(SequenceError, match="has other pixels than the study's"):
+        checked_here(sequence)
