@@ -21,8 +21,9 @@ Result = TypeVar("Result")
 def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: int | None = None) -> "RDBStorage":
     """Return Optuna's storage on the connections of the same database, with the same tuning of transactions.
 
-    `Database.close` closes it too. ``heartbeat_s`` and ``grace_s`` are Optuna's ``heartbeat_interval`` and
-    ``grace_period``, in seconds.
+    `Database.close` closes it too. Its calls wait out faults that pass, except those that create studies and trials:
+    wrap these in `with_optuna` and look first for what an earlier attempt created. ``heartbeat_s`` and ``grace_s`` are
+    Optuna's ``heartbeat_interval`` and ``grace_period``, in seconds.
 
     Raises
     ------
@@ -30,11 +31,12 @@ def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: 
         Optuna's tables are older or newer than the installed Optuna.
     """
     from optuna.exceptions import ExperimentalWarning
-    from optuna.storages import RDBStorage
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ExperimentalWarning)
-        storage = RDBStorage(
+    from gtf_tune.store.patient_optuna import PatientStorage
+
+    def connect() -> "RDBStorage":
+        return PatientStorage(
+            database,
             optuna_url(database.url),
             engine_kwargs=shared_arguments(database.engine),
             # Optuna's own check opens a second connection inside a transaction, which would block on the first.
@@ -43,6 +45,10 @@ def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: 
             grace_period=grace_s,
             skip_table_creation=True,
         )
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExperimentalWarning)
+        storage = with_optuna(database, connect)
     revision = storage.get_current_version()
     if revision != _head_revision():
         raise StorageError(

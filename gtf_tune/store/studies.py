@@ -4,7 +4,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 from sqlalchemy import case, delete, func, select, update
 from sqlalchemy.orm import Session
@@ -16,8 +16,9 @@ from gtf_tune.store.optuna_tables import delete_optuna_study
 from gtf_tune.store.rows import columns_of
 from gtf_tune.store.session import read, read_rows, write
 
-StudyState = Literal["open", "paused", "done", "copying"]
-"""``copying`` is a copy that is not complete yet, or never became so."""
+StudyState = Literal["open", "paused", "stopped", "done", "copying"]
+"""Workers finish the trials of a paused study, and give back those of a stopped one; ``copying`` is a copy that is not
+complete yet, or never became so."""
 
 
 @dataclass(frozen=True)
@@ -191,6 +192,20 @@ def summaries(database: Database) -> list[StudySummary]:
         .order_by(study.id)
     )
     return [StudySummary(*row) for row in read_rows(database, query)]
+
+
+def state(database: Database, study_id: int) -> StudyState:
+    """Return the state of a study.
+
+    Raises
+    ------
+    StorageError
+        Someone has deleted the study.
+    """
+    found = read_rows(database, select(models.Study.state).where(models.Study.id == study_id))
+    if not found:
+        raise StorageError(f"the study was deleted from {database.shown_url} while it was worked on")
+    return cast(StudyState, found[0][0])
 
 
 def set_state(database: Database, study_id: int, state: StudyState) -> None:
