@@ -2,11 +2,13 @@
 
 import argparse
 import time
+from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from benchmarks.experiments.measure import Bench, data_folders, run_confirmation, run_grid
-from benchmarks.experiments.plan import CONFIRMATION_RUNS, OPTIONS, experiments
+from benchmarks.experiments.plan import CONFIRMATION_RUNS, OPTIONS, batches, experiments
 from gtf_tune.store.database import create_database
 from gtf_tune.study.evaluation import Interrupted
 from gtf_tune.study.stop import StopRequest, signals_to
@@ -21,13 +23,18 @@ def main() -> None:
     arguments.storage.parent.mkdir(parents=True, exist_ok=True)
     bench = Bench(create_database(str(arguments.storage)), folders, StopRequest(), arguments.jobs)
     with signals_to(bench.stop, print), suppress(Interrupted):
-        for experiment in planned:
-            if bench.stop.level:
-                break
-            began = time.perf_counter()
-            run_grid(bench, experiment)
-            run_confirmation(bench, experiment, arguments.confirmation_runs)
-            print(f"{experiment.study}: {time.perf_counter() - began:.0f} s", flush=True)
+        for batch in batches(planned):
+            for experiment in batch:
+                _timed(experiment.study, partial(run_grid, bench, experiment))
+            for experiment in batch:
+                name = f"{experiment.study} confirmation"
+                _timed(name, partial(run_confirmation, bench, experiment, arguments.confirmation_runs))
+
+
+def _timed(name: str, work: Callable[[], None]) -> None:
+    began = time.perf_counter()
+    work()
+    print(f"{name}: {time.perf_counter() - began:.0f} s", flush=True)
 
 
 def _arguments() -> argparse.Namespace:

@@ -11,7 +11,7 @@ from gtf_tune.store import confirmations, studies
 from gtf_tune.store.database import Database
 from gtf_tune.study.confirm import confirm, plan_confirmation
 from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.evaluation import RunSource, run_limits
+from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
 from gtf_tune.study.events import Silent
 from gtf_tune.study.opened import OpenStudy
 from gtf_tune.study.stop import StopRequest
@@ -45,9 +45,11 @@ def local_executor(jobs: int) -> LocalExecutor:
 
 
 def run_grid(bench: Bench, experiment: Experiment) -> None:
-    """Complete the study of one experiment."""
+    """Complete the study of one experiment, or raise `Interrupted`."""
     with local_executor(bench.jobs) as executor:
-        StudyWorker(opened(bench, experiment), executor, bench.stop).work()
+        done = StudyWorker(opened(bench, experiment), executor, bench.stop).work()
+    if not done:
+        raise Interrupted
 
 
 def run_confirmation(bench: Bench, experiment: Experiment, noisy_runs: int) -> None:

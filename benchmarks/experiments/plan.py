@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -105,13 +106,18 @@ def experiments(
     chosen = [name for name in (sequences or sorted(found)) if name in found]
     kinds = [OPTIONS[name] for name in (options or OPTIONS)]
     planned = [Experiment(name, option, SIGMAS.get(name, DEFAULT_SIGMA)) for name in chosen for option in kinds]
-    return sorted(planned, key=_urgency)
+    return sorted(planned, key=lambda one: (*_batch(one), *_place(one)))
 
 
-def _urgency(one: Experiment) -> tuple[bool, bool, int, int]:
-    ranks = list(OPTIONS)
-    known = list(SIGMAS)
-    rank = known.index(one.sequence) if one.sequence in known else len(known)
-    option = ranks.index(one.option.short)
-    small = one.sequence in _SMALL
-    return (not small, one.option.short not in _CHEAP, option if small else rank, rank if small else option)
+def batches(planned: Sequence[Experiment]) -> list[list[Experiment]]:
+    """Return planned experiments in groups that are measured and then confirmed, one group after the other."""
+    return [list(group) for _, group in groupby(planned, key=_batch)]
+
+
+def _batch(one: Experiment) -> tuple[bool, bool]:
+    return one.sequence not in _SMALL, one.option.short not in _CHEAP
+
+
+def _place(one: Experiment) -> tuple[int, int]:
+    known = [*SIGMAS, one.sequence]
+    return known.index(one.sequence), list(OPTIONS).index(one.option.short)

@@ -23,7 +23,7 @@ Runs = Annotated[int, typer.Option("--runs", "-N", min=1, help="Fresh noisy runs
 def confirm(
     name: StudyName,
     top: Top = 3,
-    runs: Runs = 12,
+    runs: Runs = 16,
     jobs: Jobs = None,
     sequence: Places = None,
     cache_dir: CacheDir = None,
@@ -35,7 +35,7 @@ def confirm(
 
     An interrupted confirmation goes on where it stopped; each further one draws noise of its own.
 
-    Example: gtf-tune study confirm photos --top 3 --runs 12
+    Example: gtf-tune study confirm photos --top 3 --runs 16
     """
     from gtf_tune.study.confirm import confirm as confirm_plan
     from gtf_tune.study.confirm import plan_confirmation

@@ -95,7 +95,7 @@ def _add_space(data: dict[str, Any], ranges: list[str], lists: list[str]) -> Non
     axes: dict[str, Any] = {}
     for text in ranges:
         name, bounds = parse_pair(text, "--range")
-        axes[name] = _range(text, bounds)
+        axes[name] = parse_range(text, bounds)
     for text in lists:
         name, values = parse_pair(text, "--values")
         axes[name] = {"values": [parse_value(value.strip()) for value in values.split(",")]}
@@ -103,7 +103,8 @@ def _add_space(data: dict[str, Any], ranges: list[str], lists: list[str]) -> Non
         data["space"] = {**data.get("space", {}), **axes}
 
 
-def _range(text: str, bounds: str) -> dict[str, Any]:
+def parse_range(text: str, bounds: str) -> dict[str, Any]:
+    """Return the axis of ``--range NAME=LOW:HIGH[:log]``, of which ``bounds`` is what follows the name."""
     parts = bounds.split(":")
     if len(parts) not in (2, 3) or parts[2:] not in ([], ["log"], ["linear"]):
         raise DefinitionError(f"--range takes NAME=LOW:HIGH or NAME=LOW:HIGH:log, not '{text}'")

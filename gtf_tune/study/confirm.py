@@ -26,7 +26,7 @@ from gtf_tune.study.plan import RunPlanner, run_order
 from gtf_tune.study.seeds import SeedSource
 
 DEFAULT_TOP = 3
-DEFAULT_RUNS = 12
+DEFAULT_RUNS = 16
 """Noisy runs of each setting and sequence; benchmarks/confirmation_power.py shows what they can tell apart."""
 
 _FEWEST_RUNS = 4

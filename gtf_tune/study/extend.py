@@ -54,9 +54,7 @@ def extend_study(database: Database, name: str, extension: Extension) -> Study:
     extended = checked_definition(_changed(definition, extension), f"study '{name}'")
     _refuse_too_few(database, study, extended)
     history = [*study.resolved.get("extensions", ()), {"at": time.time(), "before": json.loads(study.definition)}]
-    studies.set_definition(
-        database, study.id, dump_definition(extended), {**study.resolved, "extensions": history}
-    )
+    studies.set_definition(database, study.id, dump_definition(extended), {**study.resolved, "extensions": history})
     studies.set_state(database, study.id, "open")
     return studies.get(database, name)
 
@@ -86,8 +84,8 @@ def _refuse(definition: StudyDefinition, extension: Extension) -> None:
     derive = f"make a new study on the same runs with: gtf-tune study extend {name} --as NEW-NAME and the same flags"
     if extension.noisy_runs is not None and extension.noisy_runs != definition.gtf.noisy_runs:
         raise DefinitionError(
-            f"the trials of study '{name}' are scored by {_count(definition)} noisy runs each, and scores of more runs do "
-            f"not compare with theirs; {derive}"
+            f"the trials of study '{name}' are scored by {_count(definition)} noisy runs each, and scores of more runs "
+            f"do not compare with theirs; {derive}"
         )
     for option, axis in extension.axes.items():
         fault = _axis_fault(definition, option, axis)
@@ -115,7 +113,9 @@ def _refuse_too_few(database: Database, study: Study, extended: StudyDefinition)
     handed_out = sum(trials.counts(database, study.id).values())
     budget = trial_budget(extended, build_space(extended, make_pipeline(extended).options))
     if budget < handed_out:
-        raise DefinitionError(f"study '{study.name}' has {handed_out} trials already, more than {budget}; raise --trials")
+        raise DefinitionError(
+            f"study '{study.name}' has {handed_out} trials already, more than {budget}; raise --trials"
+        )
 
 
 def _count(definition: StudyDefinition) -> str:

@@ -51,6 +51,13 @@ def test_no_difference_keeps_nominal() -> None:
     assert result["candidates"][0]["reasons"] == ["not significantly better than nominal"]
 
 
+def test_a_certain_but_tiny_improvement_is_not_worth_a_change() -> None:
+    result = judge(findings({"a": score(0.99, seed=1, spread=0.001)}, nominal={"a": score(1.0, spread=0.001)}), GTF)
+
+    assert result["verdict"] == "keep nominal"
+    assert result["candidates"][0]["reasons"] == ["better by less than 2%, which is not worth a change"]
+
+
 def test_the_best_of_several_adoptable_candidates_is_adopted() -> None:
     found = findings({"a": score(0.8, seed=1)}, {"a": score(0.6, seed=2)}, nominal={"a": score(1.0)})
 

@@ -1,0 +1,40 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Cli
+
+
+@pytest.fixture
+def tuned(cli: Cli, room: Path) -> Cli:
+    """Return the command line beside a finished study of four trials."""
+    space = ("-r", "filter.max_error=1e-3:1e-1:log")
+    cli("study", "create", "small", "-p", "analytic", "-s", "room", "-n", "4", "-k", "1", "-K", "3", *space)
+    cli("study", "run", "small", "--jobs", "1")
+    return cli
+
+
+def test_rescore_shows_old_and_new_ranks(tuned: Cli) -> None:
+    shown = tuned("study", "rescore", "small", "--aggregate", "median")
+    found = json.loads(tuned("study", "rescore", "small", "--aggregate", "median", "--json").out)
+
+    assert "the study is unchanged" in shown.err
+    assert found["gtf"]["aggregate"] == "median"
+    assert sorted(one["rank_before"] for one in found["trials"]) == [1, 2, 3, 4]
+
+
+def test_extend_gives_more_trials(tuned: Cli) -> None:
+    tuned("study", "extend", "small", "--trials", "5")
+    tuned("study", "run", "small", "--jobs", "1")
+
+    assert len(json.loads(tuned("study", "show", "small", "--json").out)["trials"]) == 5
+
+
+def test_extend_refuses_what_cannot_be_compared_and_names_the_way_out(tuned: Cli) -> None:
+    refused = tuned("study", "extend", "small", "--noisy-runs", "6")
+    derived = tuned("study", "extend", "small", "--noisy-runs", "6", "--as", "more")
+
+    assert refused.code == 1
+    assert "--as NEW-NAME" in refused.err
+    assert (derived.code, "gtf-tune study run more" in derived.err) == (0, True)
