@@ -5,7 +5,7 @@ The method is Umeyama, "Least-squares estimation of transformation parameters be
 """
 
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Literal, Self, get_args
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from gtf_tune.errors import TrajectoryError
 from gtf_tune.trajectory import FloatArray, Trajectory
 
 AlignmentKind = Literal["sim3", "se3", "none"]
+
+ALIGNMENTS: tuple[AlignmentKind, ...] = get_args(AlignmentKind)
 
 MIN_MATCHED = 4
 """Fewest matched frames that give an alignment; three points can be laid on any three with little error."""

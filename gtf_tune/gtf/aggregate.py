@@ -3,11 +3,11 @@
 import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
-from gtf_tune.errors import TrajectoryError
+from gtf_tune.metrics import check_word
 from gtf_tune.trajectory import FloatArray
 
 Aggregate = Literal["mean", "median", "gmean", "trimmed"]
@@ -24,7 +24,7 @@ def aggregate_matrix(matrix: FloatArray, aggregate: Aggregate) -> float:
 
     Raises
     ------
-    TrajectoryError
+    DefinitionError
         The aggregate is unknown.
     """
     values = matrix[~np.isnan(matrix)]
@@ -41,11 +41,10 @@ def aggregate_last_axis(values: FloatArray, aggregate: Aggregate) -> FloatArray:
 
     Raises
     ------
-    TrajectoryError
+    DefinitionError
         The aggregate is unknown.
     """
-    if aggregate not in _AGGREGATES:
-        raise TrajectoryError(f"expected one of the aggregates {', '.join(_AGGREGATES)}, not '{aggregate}'")
+    check_word("aggregate", aggregate, get_args(Aggregate))
     return np.asarray(_AGGREGATES[aggregate](values), dtype=np.float64)
 
 

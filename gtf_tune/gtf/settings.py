@@ -2,11 +2,11 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
-from gtf_tune.alignment import AlignmentKind
+from gtf_tune.alignment import ALIGNMENTS, AlignmentKind
 from gtf_tune.gtf.aggregate import Aggregate
-from gtf_tune.metrics import AteSettings, DeltaUnit, MetricSettings, PosePairs, RpeRelation, RpeSettings
+from gtf_tune.metrics import AteSettings, DeltaUnit, MetricSettings, PosePairs, RpeRelation, RpeSettings, check_word
 
 GtfMetric = Literal["ate", "rpe_translation", "rpe_rotation"]
 Normalise = Literal["extent", "none"]
@@ -32,6 +32,11 @@ class GtfSettings:
         Read by the rpe metrics only; see `gtf_tune.metrics.RpeSettings`.
     bootstrap_seed
         Seed of the resamples behind the interval of ``median`` and ``trimmed``.
+
+    Raises
+    ------
+    DefinitionError
+        A word is unknown.
     """
 
     metric: GtfMetric = "ate"
@@ -42,6 +47,12 @@ class GtfSettings:
     rpe_delta_unit: DeltaUnit = "frames"
     rpe_pairs: PosePairs = "all"
     bootstrap_seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_word("metric", self.metric, get_args(GtfMetric))
+        check_word("alignment", self.alignment, ALIGNMENTS)
+        check_word("aggregate", self.aggregate, get_args(Aggregate))
+        check_word("normalise", self.normalise, get_args(Normalise))
 
     @property
     def pair_metric(self) -> MetricSettings:

@@ -1,7 +1,15 @@
 """Measure errors between trajectories."""
 
 from gtf_tune.metrics.pairwise import PairMatrix, pairwise_matrix
-from gtf_tune.metrics.settings import AteSettings, DeltaUnit, MetricSettings, PosePairs, RpeRelation, RpeSettings
+from gtf_tune.metrics.settings import (
+    AteSettings,
+    DeltaUnit,
+    MetricSettings,
+    PosePairs,
+    RpeRelation,
+    RpeSettings,
+    check_word,
+)
 from gtf_tune.metrics.single import align, aligned_errors, ate, rpe, rpe_errors
 from gtf_tune.metrics.statistics import ErrorStatistics, summarise
 
@@ -17,6 +25,7 @@ __all__ = [
     "align",
     "aligned_errors",
     "ate",
+    "check_word",
     "pairwise_matrix",
     "rpe",
     "rpe_errors",

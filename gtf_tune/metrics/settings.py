@@ -1,10 +1,10 @@
 """Say which error of a pair of trajectories is meant."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
-from gtf_tune.alignment import AlignmentKind
-from gtf_tune.errors import TrajectoryError
+from gtf_tune.alignment import ALIGNMENTS, AlignmentKind
+from gtf_tune.errors import DefinitionError
 
 RpeRelation = Literal["translation", "rotation"]
 DeltaUnit = Literal["frames", "metres", "seconds"]
@@ -16,6 +16,9 @@ class AteSettings:
     """Choose the absolute trajectory error: RMSE of positions after alignment."""
 
     alignment: AlignmentKind = "sim3"
+
+    def __post_init__(self) -> None:
+        check_word("alignment", self.alignment, ALIGNMENTS)
 
 
 @dataclass(frozen=True)
@@ -35,6 +38,11 @@ class RpeSettings:
         Done before; only its scale matters to relative poses.
     tolerance
         Share of ``delta`` in metres or seconds by which a pair of ``all`` may miss it.
+
+    Raises
+    ------
+    DefinitionError
+        A word is unknown, or delta is not positive, or not whole where it counts frames.
     """
 
     relation: RpeRelation = "translation"
@@ -45,10 +53,26 @@ class RpeSettings:
     tolerance: float = 0.1
 
     def __post_init__(self) -> None:
+        check_word("relation", self.relation, get_args(RpeRelation))
+        check_word("unit of delta", self.delta_unit, get_args(DeltaUnit))
+        check_word("choice of pose pairs", self.pairs, get_args(PosePairs))
+        check_word("alignment", self.alignment, ALIGNMENTS)
         if not 0 < self.delta < float("inf"):
-            raise TrajectoryError(f"expected a positive delta between poses, not {self.delta:g}")
+            raise DefinitionError(f"expected a positive delta between poses, not {self.delta:g}")
         if self.delta_unit == "frames" and self.delta != int(self.delta):
-            raise TrajectoryError(f"expected a whole number of frames between poses, not {self.delta:g}")
+            raise DefinitionError(f"expected a whole number of frames between poses, not {self.delta:g}")
 
 
 MetricSettings = AteSettings | RpeSettings
+
+
+def check_word(name: str, word: str, known: tuple[str, ...]) -> None:
+    """Refuse a word that is not among the known ones.
+
+    Raises
+    ------
+    DefinitionError
+        It is not.
+    """
+    if word not in known:
+        raise DefinitionError(f"expected as {name} one of {', '.join(known)}, not '{word}'")

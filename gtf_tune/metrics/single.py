@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from gtf_tune.alignment import AlignmentKind, Similarity, umeyama
+from gtf_tune.alignment import ALIGNMENTS, AlignmentKind, Similarity, umeyama
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.metrics.pairwise import pairwise_matrix
 from gtf_tune.metrics.relative import matched_paths, relative_errors
-from gtf_tune.metrics.settings import AteSettings, MetricSettings, RpeSettings
+from gtf_tune.metrics.settings import AteSettings, MetricSettings, RpeSettings, check_word
 from gtf_tune.trajectory import FloatArray, Trajectory, associate_by_frame_id
 
 
@@ -45,6 +45,7 @@ def align(a: Trajectory, b: Trajectory, alignment: AlignmentKind = "sim3") -> Si
     TrajectoryError
         There are fewer than 4 matched frames, or positions lie on a line.
     """
+    check_word("alignment", alignment, ALIGNMENTS)
     ia, ib = associate_by_frame_id(a, b)
     return umeyama(b.positions[ib], a.positions[ia], alignment)
 

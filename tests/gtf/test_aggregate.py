@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gtf_tune.errors import TrajectoryError
+from gtf_tune.errors import DefinitionError
 from gtf_tune.gtf import aggregate_instances, aggregate_matrix
 
 AGGREGATES = ["mean", "median", "gmean", "trimmed"]
@@ -80,5 +80,5 @@ def test_instances_are_the_columns():
 
 
 def test_an_unknown_aggregate_is_refused_with_the_known_ones():
-    with pytest.raises(TrajectoryError, match="mean, median, gmean, trimmed, not 'max'"):
+    with pytest.raises(DefinitionError, match="mean, median, gmean, trimmed, not 'max'"):
         aggregate_matrix(DTU, "max")

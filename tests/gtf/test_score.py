@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from gtf_tune.errors import DefinitionError
 from gtf_tune.gtf import GtfSettings, gtf_score
 from gtf_tune.metrics import RpeSettings, ate, rpe
 from gtf_tune.trajectory import Trajectory
@@ -104,6 +105,12 @@ def test_rotations_are_never_divided_by_a_length():
 )
 def test_other_metrics_have_their_own_bound(chosen, bound):
     assert chosen.upper_bound == bound
+
+
+@pytest.mark.parametrize("word", ["metric", "alignment", "aggregate", "normalise"])
+def test_unknown_words_are_refused_with_the_known_ones(word):
+    with pytest.raises(DefinitionError, match=f"expected as {word} one of .*, not 'other'"):
+        GtfSettings(**{word: "other"})
 
 
 def test_coverage_counts_registered_frames():

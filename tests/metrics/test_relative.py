@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gtf_tune.errors import TrajectoryError
+from gtf_tune.errors import DefinitionError, TrajectoryError
 from gtf_tune.metrics import RpeSettings, rpe, rpe_errors, summarise
 from gtf_tune.metrics.relative import pose_pairs
 from gtf_tune.trajectory import Trajectory
@@ -122,13 +122,19 @@ def test_without_a_pair_the_reason_is_given():
 
 @pytest.mark.parametrize("delta", [0, -1, np.nan, np.inf])
 def test_delta_must_be_positive(delta):
-    with pytest.raises(TrajectoryError, match="positive delta"):
+    with pytest.raises(DefinitionError, match="positive delta"):
         RpeSettings(delta=delta, delta_unit="metres")
 
 
 def test_delta_in_frames_must_be_whole():
-    with pytest.raises(TrajectoryError, match="whole number of frames"):
+    with pytest.raises(DefinitionError, match="whole number of frames"):
         RpeSettings(delta=1.5)
+
+
+@pytest.mark.parametrize("word", ["relation", "delta_unit", "pairs", "alignment"])
+def test_unknown_words_are_refused_with_the_known_ones(word):
+    with pytest.raises(DefinitionError, match=r"one of .*, not 'other'"):
+        RpeSettings(**{word: "other"})
 
 
 def test_statistics_are_the_usual_ones():
