@@ -45,8 +45,9 @@ class Selection:
         lowest = {"start": 0, "stop": 0, "stride": 1, "rate_hz": 0, "max_frames": 0, "max_image_size": 0}
         for name, low in lowest.items():
             value = getattr(self, name)
-            if not math.isfinite(value) or value < low:
-                raise SequenceError(f"{name} must be a finite number of at least {low}, not {value:g}")
+            if not math.isfinite(value) or value < low or (name != "rate_hz" and value != int(value)):
+                kind = "finite" if name == "rate_hz" else "whole"
+                raise SequenceError(f"{name} must be a {kind} number of at least {low}, not {value:g}")
         if self.stop and self.stop <= self.start:
             raise SequenceError(f"stop must be larger than start ({self.start}), not {self.stop}; 0 means to the end")
 

@@ -60,6 +60,7 @@ def test_images_shrink_to_the_longer_side_and_never_grow():
         ("start", -1),
         ("stop", -5),
         ("stride", 0),
+        ("stride", 1.5),
         ("rate_hz", -3.0),
         ("rate_hz", float("nan")),
         ("max_frames", -1),
