@@ -11,6 +11,7 @@ from gtf_tune.cli.demo import demo
 from gtf_tune.cli.doctor import doctor
 from gtf_tune.cli.evaluate import evaluate
 from gtf_tune.cli.grouping import GroupedCommands
+from gtf_tune.cli.noise import noise
 from gtf_tune.cli.worker import worker
 from gtf_tune.errors import GtfTuneError
 
@@ -27,6 +28,7 @@ app.add_typer(study.app, name="study", rich_help_panel="Studies")
 app.command("dashboard", rich_help_panel="Studies")(dashboard)
 app.command("worker", rich_help_panel="Studies")(worker)
 app.command("evaluate", rich_help_panel="Studies")(evaluate)
+app.command("noise", rich_help_panel="Studies")(noise)
 app.add_typer(pipeline.app, name="pipeline", rich_help_panel="Inputs")
 app.add_typer(sequence.app, name="sequence", rich_help_panel="Inputs")
 app.add_typer(metric.app, name="metric", rich_help_panel="Tools")

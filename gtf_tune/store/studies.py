@@ -218,6 +218,18 @@ def set_definition(database: Database, study_id: int, definition: str, resolved:
     _set(database, study_id, definition=definition, resolved=dict(resolved))
 
 
+def resolve_noise(database: Database, study_id: int, sigmas: Mapping[str, float]) -> dict[str, float]:
+    """Store the noise of sequences that have none yet, and return that of all: the first to store one decides it."""
+
+    def work(session: Session) -> dict[str, float]:
+        row = session.scalars(select(models.Study).where(models.Study.id == study_id).with_for_update()).one()
+        found = {**sigmas, **row.resolved["noise_sigma"]}
+        row.resolved = {**row.resolved, "noise_sigma": found}
+        return found
+
+    return write(database, work)
+
+
 def delete_study(database: Database, name: str) -> None:
     """Delete a study, its Optuna study, its trials, and the runs that no other study uses.
 

@@ -20,6 +20,7 @@ from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.confirm_verdict import Findings, Measured, judge
 from gtf_tune.study.evaluation import RunSlot, RunSource
+from gtf_tune.study.noise import with_noise
 from gtf_tune.study.objective import settings_of
 from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence
 from gtf_tune.study.plan import RunPlanner, run_order
@@ -88,6 +89,7 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Conf
     Interrupted
         Someone asked to stop; finished runs are stored, and the next call goes on with them.
     """
+    study = with_noise(study, plan.sequences, source)
     keys: list[str] = []
     measured = []
     for trial in (plan.nominal, *plan.candidates) if plan.candidates else ():

@@ -172,10 +172,9 @@ def _mapping(value: object) -> Mapping[str, Any]:
 
 
 def _sigmas(definition: StudyDefinition) -> dict[str, float]:
+    """Return the noise of each sequence as far as it is known: "auto" is measured before the first trial."""
     sigma = definition.gtf.noise_sigma
-    if isinstance(sigma, str):
-        raise DefinitionError("noise_sigma = 'auto' is not available yet")
-    return {one.name: sigma for one in definition.sequences}
+    return {} if isinstance(sigma, str) else {one.name: sigma for one in definition.sequences}
 
 
 def _row(path: str, sequence: Sequence) -> StudySequence:

@@ -16,6 +16,7 @@ from gtf_tune.study import optuna_trials
 from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
 from gtf_tune.study.events import StudyListener, TrialEnd
 from gtf_tune.study.heartbeat import Heartbeat
+from gtf_tune.study.noise import with_noise
 from gtf_tune.study.opened import OpenStudy
 from gtf_tune.study.reference import Reference, read_reference
 from gtf_tune.study.result import report_instances, set_attributes, trial_result
@@ -63,7 +64,9 @@ class TrialRunner:
         started = time.perf_counter()
         trial, options = self._ask(slot)
         reference = read_reference(self.study, slot.ordinal)
-        scored = self._score(trial, TrialRuns(self.study, self._source(stop), options, slot.ordinal), reference)
+        source = self._source(stop)
+        study = with_noise(self.study, self.study.sequences, source)
+        scored = self._score(trial, TrialRuns(study, source, options, slot.ordinal), reference)
         database = self.study.database
         runs.link(database, slot.trial_id, scored.uses)
         set_attributes(trial, scored, reference)

@@ -1,0 +1,114 @@
+"""Find the noise that suits a sequence."""
+
+import itertools
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gtf_tune.cli.console import number, permille, say, write_json, write_line, write_table
+from gtf_tune.cli.executors import cores, make_executor
+from gtf_tune.cli.parameters import CacheDir, Jobs, Json, NoCache
+
+if TYPE_CHECKING:
+    from gtf_tune.study.noise_scale import NoiseLevel, NoiseScale
+
+Sigmas = Annotated[
+    str | None, typer.Option("--sigmas", help="Grey levels to try, weakest first (default 0.5,1,2,3,5,8).")
+]
+
+
+def noise(
+    sequence: Annotated[Path, typer.Argument(help="Folder of images.")],
+    pipeline: Annotated[str, typer.Option("--pipeline", "-p", help="Pipeline.")] = "glomap",
+    option: Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="An option.")] = None,
+    sigmas: Sigmas = None,
+    clean_runs: Annotated[int, typer.Option("--clean-runs", "-k", min=1, help="k.")] = 2,
+    runs: Annotated[int, typer.Option("--runs", "-K", min=2, help="Noisy runs of each level.")] = 4,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of noise and runs.")] = 0,
+    jobs: Jobs = None,
+    cache_dir: CacheDir = None,
+    no_cache: NoCache = False,
+    json: Json = False,
+) -> None:
+    """Measure how the score grows with the noise, and recommend a noise in the linear range; nothing is stored.
+
+    Level 0 is clean runs against clean runs with other seeds: what runs differ by without any noise. "signal" is the
+    part of the score that noise causes, over the standard deviation from run to run.
+
+    Example: gtf-tune noise images/ --pipeline glomap --runs 6
+    """
+    from gtf_tune.cli.values import parse_pair, parse_value
+    from gtf_tune.definition import GtfDefinition, LimitsDefinition
+    from gtf_tune.pipelines import create_pipeline
+    from gtf_tune.sequence import load_sequence
+    from gtf_tune.study.evaluation import run_limits
+    from gtf_tune.study.noise import NoiseProbe, fresh_trajectories
+    from gtf_tune.study.noise_scale import LADDER
+
+    chosen = create_pipeline(pipeline)
+    given = {name: parse_value(value) for name, value in (parse_pair(one, "--option") for one in option or [])}
+    ladder = _ladder(sigmas) if sigmas else LADDER
+    gtf = GtfDefinition(clean_runs=clean_runs)
+    probe = NoiseProbe(chosen, chosen.options.check(given), gtf, seed, runs, ladder)
+    loaded = load_sequence(sequence)
+    with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
+        found = probe.measure(loaded, fresh_trajectories(executor, run_limits(LimitsDefinition())), _say_level)
+    if json:
+        write_json(_as_json(found))
+    else:
+        _write(found)
+
+
+def _ladder(text: str) -> tuple[float, ...]:
+    from gtf_tune.errors import DefinitionError
+
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError as error:
+        raise DefinitionError(f"--sigmas takes numbers with commas between them, not '{text}'") from error
+    if any(one >= other for one, other in itertools.pairwise(values)) or not 0 < values[0] <= values[-1] <= 255:
+        raise DefinitionError(f"--sigmas takes rising grey levels in (0, 255], not '{text}'")
+    return values
+
+
+def _say_level(level: "NoiseLevel") -> None:
+    faults = f", {level.collapsed} collapsed" if level.collapsed else ""
+    faults += f", {level.failed} failed" if level.failed else ""
+    say(f"sigma {level.sigma:g}: {permille(level.score)} per mille of the extent{faults}")
+
+
+def _write(found: "NoiseScale") -> None:
+    rows = [_row(found.floor, math.nan, math.nan, "floor")]
+    for level, response, ratio, inside in zip(found.levels, found.responses, found.ratios, found.linear, strict=True):
+        mark = "recommended" if level.sigma == found.recommended else "linear" if inside else ""
+        rows.append(_row(level, response, ratio, mark))
+    write_table([">sigma", ">score [‰]", ">spread", ">[‰]/grey", ">signal", ">collapsed", ">failed", ""], rows)
+    for name, line, unit in (("score", found.score_line, "sigma"), ("score^2", found.square_line, "sigma^2")):
+        write_line(f"{name} over {unit} in the linear range: R2 {number(line.r_squared)}")
+    write_line(f"recommended noise: sigma {found.recommended:g} grey levels")
+    say(found.reason)
+
+
+def _row(level: "NoiseLevel", response: float, ratio: float, mark: str) -> tuple[str, ...]:
+    spread = f"{level.spread:.0%}" if math.isfinite(level.spread) else "-"
+    faults = f"{level.collapsed}/{level.runs}", f"{level.failed}/{level.runs}"
+    return f"{level.sigma:g}", permille(level.score), spread, permille(response), number(ratio), *faults, mark
+
+
+def _as_json(found: "NoiseScale") -> dict[str, Any]:
+    levels = [
+        {**vars(level), "response": response, "signal_to_spread": ratio, "linear": inside}
+        for level, response, ratio, inside in zip(
+            found.levels, found.responses, found.ratios, found.linear, strict=True
+        )
+    ]
+    return {
+        "recommended": found.recommended,
+        "reason": found.reason,
+        "floor": vars(found.floor),
+        "levels": levels,
+        "score_against_sigma": vars(found.score_line),
+        "squared": vars(found.square_line),
+    }

@@ -1,0 +1,153 @@
+"""Measure a ladder of noise levels on a sequence, for ``gtf-tune noise`` and for ``noise_sigma = "auto"``."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gtf_tune.definition import GtfDefinition
+from gtf_tune.execution import Executor, RunLimits
+from gtf_tune.gtf import gtf_score
+from gtf_tune.pipelines import OptionValue, Pipeline
+from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
+from gtf_tune.sequence import Sequence as ImageSequence
+from gtf_tune.store import studies
+from gtf_tune.store.trajectories import trajectories
+from gtf_tune.study.evaluation import RunSlot, RunSource
+from gtf_tune.study.noise_scale import LADDER, NoiseLevel, NoiseScale, noise_scale
+from gtf_tune.study.objective import settings_of
+from gtf_tune.study.opened import OpenStudy
+from gtf_tune.study.plan import RunPlanner
+from gtf_tune.study.seeds import SeedSource
+from gtf_tune.trajectory import Trajectory
+
+DEFAULT_RUNS = 4
+PURPOSE = "noise"
+
+ObtainTrajectories = Callable[[Mapping[RunSlot, RunRequest]], Mapping[RunSlot, Trajectory]]
+"""Return the trajectory of each request, empty for a failed run."""
+
+
+@dataclass(frozen=True)
+class NoiseProbe:
+    """Hold what is measured: nominal options (and fixed ones) of a pipeline, ``runs`` noisy runs on each level.
+
+    All levels see the same noise patterns, scaled, so that their scores differ by sigma only.
+    """
+
+    pipeline: Pipeline
+    options: Mapping[str, OptionValue]
+    gtf: GtfDefinition
+    seed: int = 0
+    runs: int = DEFAULT_RUNS
+    ladder: tuple[float, ...] = LADDER
+
+    def measure(
+        self,
+        sequence: ImageSequence,
+        obtain: ObtainTrajectories,
+        on_level: Callable[[NoiseLevel], None] = lambda _: None,
+    ) -> NoiseScale:
+        """Return the scale of a sequence; ``on_level`` hears of each level, and no level follows one with failed runs.
+
+        Raises
+        ------
+        TrajectoryError
+            Even the weakest noise breaks runs.
+        """
+        indices: list[tuple[RunKind, int]] = [("clean", index) for index in range(self.gtf.clean_runs + self.runs)]
+        found = obtain(self._requests(sequence, indices, 0.0))
+        by_index = [found[RunSlot(sequence.name, "clean", index)] for _, index in indices]
+        clean, others = by_index[: self.gtf.clean_runs], by_index[self.gtf.clean_runs :]
+        floor = self._level(0.0, clean, others, len(sequence))
+        on_level(floor)
+        levels: list[NoiseLevel] = []
+        for sigma in self.ladder:
+            noisy = obtain(self._requests(sequence, [("noisy", index) for index in range(self.runs)], sigma))
+            levels.append(self._level(sigma, clean, list(noisy.values()), len(sequence)))
+            on_level(levels[-1])
+            if levels[-1].failed:
+                break
+        return noise_scale(floor, levels)
+
+    def _requests(
+        self, sequence: ImageSequence, runs: Sequence[tuple[RunKind, int]], sigma: float
+    ) -> dict[RunSlot, RunRequest]:
+        common = self.gtf.model_copy(update={"common_noise": True})
+        planner = RunPlanner(self.pipeline, common, SeedSource(self.seed, PURPOSE), self.options)
+        return {
+            RunSlot(sequence.name, kind, index): planner.request(sequence, {}, (kind, index), sigma=sigma, ordinal=0)
+            for kind, index in runs
+        }
+
+    def _level(
+        self, sigma: float, clean: Sequence[Trajectory], others: Sequence[Trajectory], num_frames: int
+    ) -> NoiseLevel:
+        # Instances are compared with each other here, and a geometric mean does not let one of them decide.
+        settings = replace(settings_of(self.gtf), aggregate="gmean")
+        score = gtf_score(clean, others, settings, num_frames=num_frames)
+        values = score.instance_values
+        floor = self.gtf.coverage_floor * float(score.coverage_clean.min())
+        failed = np.isnan(values) | (score.coverage_noisy < floor)
+        known = values[~failed & (values > 0)]
+        return NoiseLevel(
+            sigma=sigma,
+            score=score.value,
+            spread=float(np.log(known).std(ddof=1)) if len(known) > 1 else math.nan,
+            runs=len(others),
+            collapsed=int(score.collapsed.sum()),
+            failed=int(failed.sum()),
+            coverage=float(score.coverage_noisy.min()),
+        )
+
+
+def stored_trajectories(source: RunSource) -> ObtainTrajectories:
+    """Return a way to obtain trajectories that reuses and stores runs."""
+
+    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, Trajectory]:
+        obtained = source.obtain(requests)
+        found = trajectories(source.database, [one.run.key for one in obtained.values()])
+        return {slot: found[one.run.key] for slot, one in obtained.items()}
+
+    return obtain
+
+
+def fresh_trajectories(
+    executor: Executor, limits: RunLimits, on_run: Callable[[RunSlot, RunOutcome], None] = lambda slot, outcome: None
+) -> ObtainTrajectories:
+    """Return a way to obtain trajectories that stores nothing; ``on_run`` hears of each run."""
+
+    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, Trajectory]:
+        futures = {slot: executor.submit(request, limits) for slot, request in requests.items()}
+        found = {}
+        for slot, future in futures.items():
+            outcome = future.result()
+            on_run(slot, outcome)
+            found[slot] = outcome.trajectory
+        return found
+
+    return obtain
+
+
+def with_noise(study: OpenStudy, sequences: Mapping[str, ImageSequence], source: RunSource) -> OpenStudy:
+    """Return the study with a sigma for each of these sequences, measured and stored where ``auto`` has none yet.
+
+    The worker that has trial 0 measures, while the others wait for that trial. Runs are stored as they end, so an
+    interrupted measurement goes on where it stopped.
+
+    Raises
+    ------
+    Interrupted
+        Someone asked to stop.
+    """
+    if not set(sequences) - set(study.sigmas):
+        return study
+    stored = studies.get(study.database, study.definition.name).resolved["noise_sigma"]
+    missing = {name: sequence for name, sequence in sequences.items() if name not in stored}
+    definition = study.definition
+    probe = NoiseProbe(study.pipeline, definition.pipeline.options, definition.gtf, definition.search.seed)
+    measured = {
+        name: probe.measure(sequence, stored_trajectories(source)).recommended for name, sequence in missing.items()
+    }
+    return replace(study, sigmas=studies.resolve_noise(study.database, study.record.id, measured))

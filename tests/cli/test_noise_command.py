@@ -1,0 +1,26 @@
+import json
+from pathlib import Path
+
+from tests.cli.conftest import Cli
+
+
+def test_noise_recommends_a_sigma_with_its_table(cli: Cli, room: Path) -> None:
+    said = cli("noise", "room", "-p", "analytic", "--runs", "4", "--jobs", "1")
+
+    assert said.code == 0
+    assert "recommended noise: sigma" in said.out
+    assert max(map(len, said.out.splitlines())) <= 80
+
+
+def test_noise_as_json_holds_every_level(cli: Cli, room: Path) -> None:
+    found = json.loads(cli("noise", "room", "-p", "analytic", "--sigmas", "2,4", "--jobs", "1", "--json").out)
+
+    assert [level["sigma"] for level in found["levels"]] == [2.0, 4.0]
+    assert found["recommended"] in (2.0, 4.0)
+
+
+def test_a_ladder_that_does_not_rise_is_refused(cli: Cli, room: Path) -> None:
+    said = cli("noise", "room", "-p", "analytic", "--sigmas", "4,2")
+
+    assert said.code == 1
+    assert "rising grey levels" in said.err

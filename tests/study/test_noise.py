@@ -1,0 +1,100 @@
+from pathlib import Path
+
+import pytest
+
+from gtf_tune.definition import GtfDefinition
+from gtf_tune.execution import InlineExecutor, RunLimits
+from gtf_tune.pipelines import create_pipeline
+from gtf_tune.pipelines.analytic import imaginary_sequence
+from gtf_tune.store import studies
+from gtf_tune.store.database import Database
+from gtf_tune.study.confirm import confirm, plan_confirmation
+from gtf_tune.study.create import open_study
+from gtf_tune.study.evaluation import RunSource
+from gtf_tune.study.events import Silent
+from gtf_tune.study.noise import NoiseProbe, fresh_trajectories
+from gtf_tune.study.stop import StopRequest
+from tests.study.conftest import Runner, definition_of, write_sequence
+
+LIMITS = RunLimits(60, 2**30)
+STEADY = {"collapse_rate": 0.0}
+AUTO = {"pipeline": {"settings": STEADY}, "gtf": {"noise_sigma": "auto"}, "search": {"trials": 2}}
+
+
+def test_the_analytic_pipeline_responds_linearly_to_noise() -> None:
+    probe = NoiseProbe(create_pipeline("analytic", STEADY), {}, GtfDefinition(), runs=6)
+
+    scale = probe.measure(imaginary_sequence(40), fresh_trajectories(InlineExecutor(), LIMITS))
+
+    visible = [inside for level, inside in zip(scale.levels, scale.linear, strict=True) if level.sigma >= 1]
+    assert all(visible)
+    assert scale.score_line.r_squared > 0.99
+
+
+def test_all_levels_see_the_same_noise_patterns() -> None:
+    executor = InlineExecutor()
+    probe = NoiseProbe(create_pipeline("analytic"), {}, GtfDefinition(), runs=3, ladder=(1.0, 2.0))
+
+    probe.measure(imaginary_sequence(20), fresh_trajectories(executor, LIMITS))
+
+    noisy = [run for run in executor.executed if run.kind == "noisy"]
+    assert [run.noise_sigma for run in noisy] == [1.0] * 3 + [2.0] * 3
+    assert [run.noise_seed for run in noisy[:3]] == [run.noise_seed for run in noisy[3:]]
+
+
+def test_the_floor_compares_clean_runs_with_other_clean_runs() -> None:
+    executor = InlineExecutor()
+    probe = NoiseProbe(create_pipeline("analytic", STEADY), {}, GtfDefinition(), runs=3, ladder=(5.0,))
+
+    scale = probe.measure(imaginary_sequence(20), fresh_trajectories(executor, LIMITS))
+
+    assert [run.index for run in executor.executed if run.kind == "clean"] == [0, 1, 2, 3, 4]
+    assert 0 < scale.floor.score < scale.levels[0].score / 3
+
+
+def test_auto_noise_is_measured_once_and_stored_with_the_study(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    first = run_study(definition_of(room, **AUTO))
+    sigma = studies.get(database, "small").resolved["noise_sigma"]["room"]
+
+    again = run_study({**definition_of(room, **AUTO), "name": "again"})
+
+    assert len(first.executed) > 2 * (2 + 3)
+    assert open_study(database, "small").sigmas == {"room": sigma}
+    assert again.executed == []
+    assert studies.get(database, "again").resolved["noise_sigma"]["room"] == sigma
+
+
+def test_the_first_stored_noise_decides(room: Path, database: Database, run_study: Runner) -> None:
+    run_study(definition_of(room, **AUTO))
+    study = studies.get(database, "small")
+
+    found = studies.resolve_noise(database, study.id, {"room": 99.0, "other": 1.0})
+
+    assert found == {"room": study.resolved["noise_sigma"]["room"], "other": 1.0}
+
+
+def test_a_held_out_sequence_gets_its_noise_at_confirmation(
+    room: Path, tmp_path: Path, database: Database, run_study: Runner
+) -> None:
+    other = write_sequence(tmp_path / "other", ground_truth=False, frames=9)
+    both = [{"name": "room", "path": str(room)}, {"name": "other", "path": str(other), "holdout": True}]
+    grid = {"space": {"filter.max_error": {"values": [0.01, 0.002]}}, "search": {"sampler": "grid"}}
+    run_study(definition_of(room, sequences=both, **{**AUTO, **grid}))
+    searched = set(studies.get(database, "small").resolved["noise_sigma"])
+    study = open_study(database, "small")
+    source = RunSource(database, InlineExecutor(), LIMITS, StopRequest(), Silent())
+
+    confirm(study, plan_confirmation(study, {}, top=1, noisy_runs=4), source)
+
+    assert searched == {"room"}
+    assert set(studies.get(database, "small").resolved["noise_sigma"]) == {"room", "other"}
+
+
+def test_a_first_level_that_breaks_every_run_is_an_error() -> None:
+    broken = create_pipeline("analytic", {"collapse_rate": 1.0})
+    probe = NoiseProbe(broken, {"filter.max_error": 1e-6}, GtfDefinition(), runs=4, ladder=(5.0,))
+
+    with pytest.raises(Exception, match="no level of noise"):
+        probe.measure(imaginary_sequence(12), fresh_trajectories(InlineExecutor(), LIMITS))
