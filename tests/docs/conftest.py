@@ -1,0 +1,95 @@
+"""Stand a newcomer's folder up: photos, a video, and a command line whose reconstructions take no time."""
+
+import contextlib
+import importlib
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+import gtf_tune.execution
+import gtf_tune.sequence
+from gtf_tune.cli.main import main
+from gtf_tune.execution import InlineExecutor
+from gtf_tune.pipelines import registry
+from tests.docs.pages import ROOT
+from tests.study.conftest import write_sequence
+
+Command = Callable[[list[str]], int]
+
+
+@pytest.fixture(scope="session")
+def generate() -> ModuleType:
+    """The generator of the reference pages, imported as the script finds its neighbours."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT / "docs"))
+        return importlib.import_module("generate")
+
+
+@pytest.fixture(scope="session")
+def call() -> Iterator[Command]:
+    """Call gtf-tune in this process with quick reconstructions and return its exit code."""
+    built_in = {**registry._BUILT_IN, "glomap": "tests.docs.quick_glomap:create"}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registry, "_BUILT_IN", MappingProxyType(built_in))
+        patch.setattr(gtf_tune.execution, "LocalExecutor", _inline)
+        patch.setattr(gtf_tune.sequence, "render_room", _tiny_room)
+        yield partial(_call, patch)
+
+
+@pytest.fixture(scope="session")
+def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with photos, a second walk and a video."""
+    folder = tmp_path_factory.mktemp("material")
+    for name in ("photos", "second-walk"):
+        shutil.move(write_sequence(folder / "full", ground_truth=False) / "rgb", folder / name)
+        shutil.rmtree(folder / "full")
+    _write_video(folder / "walk.mp4")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def finished(material: Path, call: Command, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the same and a finished study of the photos."""
+    folder = tmp_path_factory.mktemp("finished") / "folder"
+    shutil.copytree(material, folder)
+    with contextlib.chdir(folder):
+        space = "mapper.max_normalized_reproj_error=1e-4:1e-1:log"
+        assert call(["study", "create", "photos", "-s", "photos", "-r", space, "-n", "9"]) == 0
+        assert call(["study", "run", "photos"]) == 0
+    return folder
+
+
+def _call(patch: pytest.MonkeyPatch, arguments: list[str]) -> int:
+    patch.setattr(sys, "argv", ["gtf-tune", *arguments])
+    try:
+        main()
+    except SystemExit as exit_:
+        return int(exit_.code or 0)
+    return 0
+
+
+def _inline(jobs: int, stages: Any = None, **_: Any) -> InlineExecutor:
+    del jobs, stages
+    return InlineExecutor()
+
+
+def _tiny_room(folder: Path, spec: object = None) -> None:
+    del spec
+    write_sequence(folder, ground_truth=True)
+
+
+def _write_video(path: Path) -> None:
+    size = (64, 48)
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10.0, size)
+    generator = np.random.default_rng(0)
+    for _ in range(40):
+        writer.write(generator.integers(0, 255, (size[1], size[0], 3), dtype=np.uint8))
+    writer.release()
