@@ -2,18 +2,28 @@
 
 import argparse
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 from benchmarks.experiments.measure import Bench, data_folders, run_confirmation, run_grid
-from benchmarks.experiments.plan import CONFIRMATION_RUNS, OPTIONS, batches, experiments
+from benchmarks.experiments.plan import (
+    CONFIRMATION_RUNS,
+    OPTIONS,
+    Experiment,
+    batches,
+    experiments,
+    many_noisy_runs,
+)
+from benchmarks.experiments.report import write_results
+from benchmarks.experiments.settings import read_outcome
 from gtf_tune.store.database import create_database
 from gtf_tune.study.evaluation import Interrupted
 from gtf_tune.study.stop import StopRequest, signals_to
 
 DEFAULT_STORAGE = Path("storage/data/experiments.db")
+DOCS = Path("docs")
 
 
 def main() -> None:
@@ -22,13 +32,31 @@ def main() -> None:
     planned = experiments(folders, arguments.sequences, arguments.options)
     arguments.storage.parent.mkdir(parents=True, exist_ok=True)
     bench = Bench(create_database(str(arguments.storage)), folders, StopRequest(), arguments.jobs)
+    if not arguments.write_only:
+        _measure(bench, planned, arguments.confirmation_runs)
+    _write(bench, folders)
+
+
+def _measure(bench: Bench, planned: list[Experiment], confirmation_runs: int) -> None:
     with signals_to(bench.stop, print), suppress(Interrupted):
         for batch in batches(planned):
             for experiment in batch:
                 _timed(experiment.study, partial(run_grid, bench, experiment))
             for experiment in batch:
                 name = f"{experiment.study} confirmation"
-                _timed(name, partial(run_confirmation, bench, experiment, arguments.confirmation_runs))
+                _timed(name, partial(run_confirmation, bench, experiment, confirmation_runs))
+            _write(bench, bench.folders)
+        for experiment in many_noisy_runs(bench.folders):
+            _timed(experiment.study, partial(run_grid, bench, experiment))
+
+
+def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
+    """Write the results as far as there are any, also in the middle of the work."""
+    every = experiments(folders)
+    found = {one.study: read_outcome(bench.database, one) for one in every}
+    outcomes = [outcome for outcome in found.values() if outcome is not None]
+    many = [outcome for one in many_noisy_runs(folders) if (outcome := read_outcome(bench.database, one)) is not None]
+    write_results(outcomes, many, [one for one in every if found[one.study] is None], DOCS)
 
 
 def _timed(name: str, work: Callable[[], None]) -> None:
@@ -44,6 +72,7 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--storage", type=Path, default=DEFAULT_STORAGE, help="database that results accumulate in")
     parser.add_argument("--jobs", type=int, default=1, help="runs side by side")
     parser.add_argument("--confirmation-runs", type=int, default=CONFIRMATION_RUNS, help="noisy runs of a confirmation")
+    parser.add_argument("--write-only", action="store_true", help="run nothing, write what there is")
     return parser.parse_args()
 
 

@@ -1,7 +1,7 @@
 """Say what is measured: sequences with their noise, options with their values, and the order of work."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
@@ -9,6 +9,7 @@ from typing import Any
 
 CLEAN_RUNS = 2
 NOISY_RUNS = 6
+MANY_NOISY_RUNS = 16
 CONFIRMATION_RUNS = 12
 TOP = 2
 
@@ -73,11 +74,13 @@ class Experiment:
     sequence: str
     option: Option
     sigma: float
+    noisy_runs: int = NOISY_RUNS
 
     @property
     def study(self) -> str:
         """Return the name of its study."""
-        return f"{self.sequence}.{self.option.short}.s{self.sigma:g}"
+        name = f"{self.sequence}.{self.option.short}.s{self.sigma:g}"
+        return name if self.noisy_runs == NOISY_RUNS else f"{name}.k{self.noisy_runs}"
 
     def definition(self, path: Path) -> dict[str, Any]:
         """Return the definition of its study; ``path`` is the folder of the sequence."""
@@ -88,7 +91,7 @@ class Experiment:
             "space": {self.option.name: {"values": list(self.option.values)}},
             "gtf": {
                 "clean_runs": CLEAN_RUNS,
-                "noisy_runs": NOISY_RUNS,
+                "noisy_runs": self.noisy_runs,
                 "noise_sigma": self.sigma,
                 "aggregate": "gmean",
             },
@@ -107,6 +110,17 @@ def experiments(
     kinds = [OPTIONS[name] for name in (options or OPTIONS)]
     planned = [Experiment(name, option, SIGMAS.get(name, DEFAULT_SIGMA)) for name in chosen for option in kinds]
     return sorted(planned, key=lambda one: (*_batch(one), *_place(one)))
+
+
+def many_noisy_runs(found: Mapping[str, Path]) -> list[Experiment]:
+    """Return the grids that show what more noisy runs are worth; values that cannot compete are left out."""
+    kept = {"ba": (1e-3, 2e-3, 4e-3, 1e-2, 2e-2, 5e-2), "huber": OPTIONS["huber"].values}
+    sequence = "dtu-scan24"
+    return [
+        Experiment(sequence, replace(OPTIONS[short], values=values), SIGMAS[sequence], MANY_NOISY_RUNS)
+        for short, values in kept.items()
+        if sequence in found
+    ]
 
 
 def batches(planned: Sequence[Experiment]) -> list[list[Experiment]]:

@@ -1,0 +1,283 @@
+"""Turn outcomes into docs/results.md and docs/results.json; every number comes from the database."""
+
+import json
+import math
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.experiments.k_delta import r_squared_by_count
+from benchmarks.experiments.paper import ROWS
+from benchmarks.experiments.plan import OPTIONS, Experiment
+from benchmarks.experiments.settings import AGGREGATES, PREDICTORS, Outcome, Setting
+from gtf_tune.gtf import find_collapsed
+
+WORTH_FINDING = 0.03
+"""Oracle's gain from which on a pick is asked to reach most of it."""
+
+_COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 60)
+Table = tuple[Sequence[str], list[Sequence[str]]]
+
+
+def write_results(
+    outcomes: Sequence[Outcome], many: Sequence[Outcome], missing: Sequence[Experiment], folder: Path
+) -> None:
+    """Write both files into ``folder``."""
+    parts = [
+        _introduction(outcomes, missing),
+        _part("The paper's table 2, here", _TABLE_2, table_2(outcomes)),
+        _part("The paper's table 2, there", _PAPER, paper_table()),
+        _part("Which aggregate", _AGGREGATES, summary_table(outcomes)),
+        _part("Every experiment and predictor", _PREDICTORS, predictor_table(outcomes)),
+        _part("Why a pick is not the best", _SHORTFALL, shortfall_table(outcomes)),
+        _part("How many noisy runs", _K_DELTA, k_delta_table(many)),
+        _part("Settings that lose frames or collapse", _FRAGILE, fragile_table(outcomes)),
+    ]
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "results.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    data = {
+        "experiments": [_as_data(one) for one in outcomes],
+        "k_delta": [_k_delta_data(one) for one in many],
+        "not_measured": [one.study for one in missing],
+    }
+    (folder / "results.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+
+
+_TABLE_2 = (
+    "In each cell: what GTF ATE picks, what confirmation made of it, and what ground truth would have picked, as "
+    "changes of the true ATE against nominal (negative is better). The pick is by the aggregate `gmean`."
+)
+_PAPER = "Changes of the true ATE by GTF ATE and, in brackets, by ground truth, as printed (signs turned: negative is better)."
+_AGGREGATES = (
+    'Averages over all experiments. "share of the oracle" is the part of the possible gain that the pick reaches, over '
+    f'experiments where ground truth gains more than {WORTH_FINDING:.0%}; "regressions" counts unconfirmed picks that '
+    "are worse than nominal by more than 1 %. R2 counts with the sign of the correlation."
+)
+_PREDICTORS = (
+    "R2 of a line through predictor and true ATE with the sign of the correlation, Spearman's rank correlation, and "
+    "the change of the true ATE at the pick."
+)
+_SHORTFALL = (
+    "Experiments whose pick (aggregate `gmean`) misses the oracle by more than 1 % of the true ATE. The gap compares the "
+    "scores of both settings, paired by noise instance, without collapsed ones. Where it is certain, more noisy runs do "
+    "not help: the score prefers another setting than the truth does. Otherwise the last column says how many would "
+    "settle which of the two the score prefers (power 80 %)."
+)
+_K_DELTA = (
+    "R2 between score and true ATE for numbers of noisy runs, averaged over random choices among those there are "
+    "(the paper shows 1 to 60)."
+)
+_FRAGILE = (
+    "Settings that ran into the coverage floor, or whose noisy runs collapsed, with their true ATE against nominal."
+)
+
+
+def table_2(outcomes: Sequence[Outcome]) -> Table:
+    """Return the picks in the shape of the paper's table."""
+    columns = ["sequence (sigma)", "nominal ATE", *(one.paper_column for one in OPTIONS.values())]
+    rows = []
+    for name in dict.fromkeys(one.experiment.sequence for one in outcomes):
+        mine = {one.experiment.option.short: one for one in outcomes if one.experiment.sequence == name}
+        first = next(iter(mine.values()))
+        cells = [_cell(mine[short]) if short in mine else "not measured" for short in OPTIONS]
+        rows.append([f"{name} ({first.experiment.sigma:g})", f"{first.nominal.true_ate:.4g}", *cells])
+    return columns, rows
+
+
+def _cell(outcome: Outcome) -> str:
+    pick = outcome.agreement(PREDICTORS["gmean"]).pick
+    verdict = outcome.verdict
+    if outcome.adopted is not None and outcome.adopted.ordinal:
+        verdict = f"adopt {_percent(outcome.change(outcome.adopted))}"
+    return f"pick {_percent(outcome.change(pick))}<br>{verdict}<br>oracle {_percent(outcome.change(outcome.oracle))}"
+
+
+def paper_table() -> Table:
+    """Return the paper's table."""
+    rows = []
+    for row in ROWS:
+        cells = [f"{-row.improvements[short][0]:+.1f} % ({-row.improvements[short][1]:+.1f} %)" for short in OPTIONS]
+        rows.append([row.sequence, row.nominal, *cells])
+    return ["sequence", "nominal ATE", *(one.paper_column for one in OPTIONS.values())], rows
+
+
+def summary_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return one row for each predictor, averaged over experiments."""
+    columns = ["predictor", "R2", "Spearman", "change of true ATE", "share of the oracle", "regressions"]
+    rows = []
+    for name, predictor in PREDICTORS.items():
+        found = [(one, one.agreement(predictor)) for one in outcomes]
+        changes = [outcome.change(agreement.pick) for outcome, agreement in found]
+        shares = [
+            outcome.change(agreement.pick) / outcome.change(outcome.oracle)
+            for outcome, agreement in found
+            if outcome.change(outcome.oracle) < -WORTH_FINDING
+        ]
+        rows.append(
+            [
+                name,
+                _plain(_mean(agreement.r_squared * np.sign(agreement.correlation) for _, agreement in found)),
+                _plain(_mean(agreement.spearman for _, agreement in found)),
+                _percent(_mean(changes)),
+                f"{_mean(shares):.0%}" if shares else "-",
+                f"{sum(change > 0.01 for change in changes)} of {len(changes)}",
+            ]
+        )
+    return columns, rows
+
+
+def predictor_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return one row for each experiment, one column for each predictor."""
+    rows = []
+    for outcome in outcomes:
+        cells = [_agreement_cell(outcome, PREDICTORS[name]) for name in PREDICTORS]
+        one = outcome.experiment
+        rows.append([f"{one.sequence} {one.option.short}", *cells, _percent(outcome.change(outcome.oracle))])
+    return ["experiment", *PREDICTORS, "oracle"], rows
+
+
+def _agreement_cell(outcome: Outcome, predictor: Callable[[Setting], float]) -> str:
+    found = outcome.agreement(predictor)
+    signed = found.r_squared * float(np.sign(found.correlation))
+    return f"{_plain(signed)} / {_plain(found.spearman)} / {_percent(outcome.change(found.pick))}"
+
+
+def shortfall_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return the picks that miss the oracle, with the reason."""
+    rows = []
+    for outcome in outcomes:
+        pick, oracle = outcome.agreement(PREDICTORS["gmean"]).pick, outcome.oracle
+        if outcome.change(pick) - outcome.change(oracle) <= 0.01:
+            continue
+        sound = ~(find_collapsed(oracle.matrix) | find_collapsed(pick.matrix))
+        logs = np.log(oracle.matrix / pick.matrix).mean(axis=0)[sound]
+        gap, spread = float(logs.mean()), float(logs.std(ddof=1))
+        certain = abs(gap) > 2.0 * spread / math.sqrt(len(logs))
+        needed = "more do not help" if certain else f"about {math.ceil((2.8 * spread / max(abs(gap), 1e-9)) ** 2)}"
+        one = outcome.experiment
+        rows.append(
+            [
+                f"{one.sequence} {one.option.short}",
+                f"{pick.value:g}: {_percent(outcome.change(pick))}",
+                f"{oracle.value:g}: {_percent(outcome.change(oracle))}",
+                f"{_percent(math.exp(gap) - 1)} +- {spread / math.sqrt(len(logs)):.0%}",
+                f"{oracle.collapsed:.0%}",
+                needed,
+            ]
+        )
+    return [
+        "experiment",
+        "pick",
+        "oracle",
+        "score of oracle's against pick's",
+        "oracle's collapses",
+        "noisy runs",
+    ], rows
+
+
+def k_delta_table(many: Sequence[Outcome]) -> Table:
+    """Return R2 for numbers of noisy runs, one row for each experiment and aggregate."""
+    if not many:
+        return ["experiment"], []
+    most = max(one.nominal.matrix.shape[1] for one in many)
+    counts = [count for count in _COUNTS if count <= most]
+    rows = []
+    for outcome in many:
+        for aggregate in AGGREGATES:
+            found = r_squared_by_count(outcome, aggregate, counts)
+            name = f"{outcome.experiment.sequence} {outcome.experiment.option.short} {aggregate}"
+            rows.append([name, *(_plain(value) for value in found)])
+    return ["experiment", *(f"k_delta {count}" for count in counts)], rows
+
+
+def fragile_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return the settings that are infeasible or that collapse."""
+    rows = []
+    for outcome in outcomes:
+        for one in outcome.settings:
+            if one.feasible and not one.collapsed:
+                continue
+            name = f"{outcome.experiment.sequence} {outcome.experiment.option.short} = {one.value:g}"
+            state = "feasible" if one.feasible else "infeasible"
+            change = _percent(outcome.change(one))
+            rows.append([name, state, f"{one.coverage:.0%}", f"{one.collapsed:.0%}", change])
+    return ["setting", "", "least coverage", "noisy runs collapsed", "true ATE against nominal"], rows
+
+
+def _introduction(outcomes: Sequence[Outcome], missing: Sequence[Experiment]) -> str:
+    confirmed = [one for one in outcomes if one.adopted is not None]
+    adopted = [one for one in confirmed if one.adopted is not None and one.adopted.ordinal]
+    worse = [one for one in adopted if one.adopted is not None and one.change(one.adopted) > 0]
+    lines = [
+        "# Results",
+        "",
+        "Written by `make experiments`; every number comes from the runs. True errors are against ground truth, which "
+        "neither search nor confirmation sees. GLOMAP (pycolmap), intrinsics known and fixed, one thread a run, two "
+        "clean and six noisy runs a setting unless said otherwise, one option at a time.",
+        "",
+        f"* Measured: {len(outcomes)} of {len(outcomes) + len(missing)} planned experiments.",
+        f"* Confirmed on fresh noise: {len(confirmed)}; adopted: {len(adopted)}; of these worse than nominal in true "
+        f"ATE: {len(worse)}.",
+    ]
+    if missing:
+        lines.append(f"* Not measured yet: {', '.join(one.study for one in missing)}.")
+    return "\n".join(lines)
+
+
+def _part(title: str, text: str, table: Table) -> str:
+    columns, rows = table
+    lines = [f"## {title}", "", text, ""]
+    if not rows:
+        return "\n".join([*lines, "Nothing to show yet."])
+    lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    lines += ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join(lines)
+
+
+def _as_data(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "study": outcome.experiment.study,
+        "option": outcome.experiment.option.name,
+        "verdict": outcome.verdict,
+        "adopted": None if outcome.adopted is None else outcome.adopted.value,
+        "oracle": outcome.oracle.value,
+        "picks": {name: outcome.agreement(predictor).pick.value for name, predictor in PREDICTORS.items()},
+        "settings": [
+            {
+                "value": one.value,
+                "feasible": one.feasible,
+                "coverage": one.coverage,
+                "true_ate": _known(one.true_ate),
+                "collapsed": one.collapsed,
+                "reprojection_px": _known(one.reprojection_px),
+                "clean_clean": _known(one.clean_clean),
+                "matrix": [[_known(value) for value in row] for row in one.matrix.tolist()],
+            }
+            for one in outcome.settings
+        ],
+    }
+
+
+def _k_delta_data(outcome: Outcome) -> dict[str, Any]:
+    counts = list(range(1, outcome.nominal.matrix.shape[1] + 1))
+    found: dict[str, Any] = {name: r_squared_by_count(outcome, name, counts) for name in AGGREGATES}
+    return {"study": outcome.experiment.study, "counts": counts, "r_squared": found}
+
+
+def _mean(values: Iterable[float]) -> float:
+    known = [value for value in values if math.isfinite(value)]
+    return float(np.mean(known)) if known else math.nan
+
+
+def _percent(value: float) -> str:
+    return f"{value:+.1%}" if math.isfinite(value) else "-"
+
+
+def _plain(value: float) -> str:
+    return f"{value:.2f}" if math.isfinite(value) else "-"
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,150 @@
+"""Read what an experiment measured: each setting with its matrix, its true error, and other predictors of it."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from types import MappingProxyType
+
+import numpy as np
+from scipy import stats
+
+from benchmarks.experiments.plan import Experiment
+from gtf_tune.errors import TrajectoryError
+from gtf_tune.gtf import Aggregate, aggregate_matrix, gtf_score
+from gtf_tune.gtf.settings import GtfSettings
+from gtf_tune.store import confirmations, runs, studies, trials, validations
+from gtf_tune.store.database import Database
+from gtf_tune.store.trajectories import trajectories
+from gtf_tune.trajectory import FloatArray
+
+AGGREGATES: tuple[Aggregate, ...] = ("mean", "median", "gmean", "trimmed")
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """Hold one value of an option.
+
+    ``matrix`` (k, k_delta) is NaN where the setting is infeasible; ``true_ate`` is in the unit of the ground truth.
+    """
+
+    ordinal: int
+    value: float
+    feasible: bool
+    coverage: float
+    true_ate: float
+    matrix: FloatArray
+    collapsed: float
+    clean_clean: float
+    reprojection_px: float
+
+
+Predictor = Callable[[Setting], float]
+
+
+def _aggregated(aggregate: Aggregate, setting: Setting) -> float:
+    return aggregate_matrix(setting.matrix, aggregate)
+
+
+PREDICTORS: Mapping[str, Predictor] = MappingProxyType(
+    {
+        **{name: partial(_aggregated, name) for name in AGGREGATES},
+        "clean-clean": lambda one: one.clean_clean,
+        "reprojection": lambda one: one.reprojection_px,
+    }
+)
+"""What might foretell the true error: aggregates of the matrix, clean runs against each other, reprojection error."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Say how well a predictor ranks settings: linear correlation, rank correlation, and the setting that it picks."""
+
+    correlation: float
+    spearman: float
+    pick: Setting
+
+    @property
+    def r_squared(self) -> float:
+        """Return the share of the variance of the true error that a line through the predictor explains."""
+        return self.correlation**2
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Hold one finished experiment; ``adopted`` is nominal where the confirmation kept it, None before there is one."""
+
+    experiment: Experiment
+    settings: tuple[Setting, ...]
+    adopted: Setting | None
+    verdict: str
+
+    @property
+    def nominal(self) -> Setting:
+        return self.settings[0]
+
+    @property
+    def feasible(self) -> list[Setting]:
+        return [one for one in self.settings if one.feasible and math.isfinite(one.true_ate)]
+
+    @property
+    def oracle(self) -> Setting:
+        return min(self.feasible, key=lambda one: one.true_ate)
+
+    def change(self, setting: Setting) -> float:
+        """Return the true error of a setting relative to nominal's, negative where it is better."""
+        return setting.true_ate / self.nominal.true_ate - 1
+
+    def agreement(self, predictor: Predictor) -> Agreement:
+        """Return how well a predictor foretells the true error."""
+        predicted = [predictor(one) for one in self.feasible]
+        true = [one.true_ate for one in self.feasible]
+        pick = min(zip(predicted, range(len(true)), strict=True))[1]
+        if len(set(predicted)) < 2 or len(set(true)) < 2:
+            return Agreement(math.nan, math.nan, self.feasible[pick])
+        correlation = float(np.corrcoef(predicted, true)[0, 1])
+        return Agreement(correlation, float(stats.spearmanr(predicted, true).statistic), self.feasible[pick])
+
+
+def read_outcome(database: Database, experiment: Experiment) -> Outcome | None:
+    """Return a finished experiment, or None where some of its trials are missing."""
+    if experiment.study not in studies.names(database):
+        return None
+    study = studies.get(database, experiment.study)
+    if study.state != "done":
+        return None
+    known = trials.of_study(database, study.id)
+    settings = tuple(_setting(database, experiment, trial, study.id) for trial in known)
+    stored = confirmations.of_study(database, study.id)
+    if not stored:
+        return Outcome(experiment, settings, None, "unconfirmed")
+    adopted = stored[-1].result["adopted"] or 0
+    return Outcome(experiment, settings, next(one for one in settings if one.ordinal == adopted), stored[-1].verdict)
+
+
+def _setting(database: Database, experiment: Experiment, trial: trials.Trial, study_id: int) -> Setting:
+    detail = trials.details(database, [trial.id])[trial.id]["sequences"][experiment.sequence]
+    matrix = np.array(detail.get("matrix", [[math.nan]]), dtype=np.float64)
+    clean = [use.run for use in runs.of_trial(database, trial.id) if use.run.kind == "clean"]
+    errors = [float(run.diagnostics.get("mean_reprojection_error_px", math.nan)) for run in clean]
+    truth = validations.of_study(database, study_id).get(trial.ordinal, [])
+    return Setting(
+        ordinal=trial.ordinal,
+        value=float((trial.options or {})[experiment.option.name]),
+        feasible=bool(trial.feasible),
+        coverage=trial.coverage or 0.0,
+        true_ate=next((one.ate for one in truth if one.ate is not None), math.nan),
+        matrix=matrix,
+        collapsed=trial.collapsed_rate or 0.0,
+        clean_clean=_clean_clean(database, [run.key for run in clean], clean[0].num_frames),
+        reprojection_px=float(np.mean(errors)),
+    )
+
+
+def _clean_clean(database: Database, keys: list[str], num_frames: int) -> float:
+    found = trajectories(database, keys)
+    first, *others = (found[key] for key in keys)
+    try:
+        return gtf_score([first], others, GtfSettings(), num_frames=num_frames).value
+    except TrajectoryError:
+        return math.nan
