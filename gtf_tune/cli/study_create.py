@@ -31,6 +31,9 @@ def create(
     source: Source,
     name: Annotated[str | None, typer.Option("--name", help="Another name than the file's.")] = None,
     sequence: SequencePath = None,
+    max_image_size: Annotated[
+        int | None, typer.Option("--max-image-size", help="Shrink images to this many pixels on the longer side.")
+    ] = None,
     pipeline: Pipeline = None,
     option: Fixed = None,
     range_: Range = None,
@@ -57,6 +60,7 @@ def create(
     if name:
         data["name"] = name
     _add_sections(data, pipeline, option, sequence)
+    _shrink(data, max_image_size)
     _add_space(data, range_ or [], values or [])
     _put(data, "gtf", clean_runs=clean_runs, noisy_runs=noisy_runs, aggregate=aggregate)
     _put(data, "gtf", noise_sigma=None if noise_sigma is None else parse_value(noise_sigma))
@@ -89,6 +93,14 @@ def _add_sections(
         data["pipeline"] = {**section, "options": {**section.get("options", {}), **fixed}}
     if sequences:
         data["sequences"] = [{"name": path.absolute().name, "path": str(path.absolute())} for path in sequences]
+
+
+def _shrink(data: dict[str, Any], max_image_size: int | None) -> None:
+    found = data.get("sequences")
+    if max_image_size is not None and isinstance(found, list):
+        data["sequences"] = [
+            {**one, "max_image_size": max_image_size} if isinstance(one, dict) else one for one in found
+        ]
 
 
 def _add_space(data: dict[str, Any], ranges: list[str], lists: list[str]) -> None:

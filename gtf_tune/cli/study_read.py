@@ -19,6 +19,7 @@ from gtf_tune.cli.console import (
 )
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.study_notes import warn_of_lost_frames
 
 if TYPE_CHECKING:
     from gtf_tune.store.trials import Trial
@@ -81,6 +82,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     _write_trials(chosen, gt_ates)
     if len(chosen) < len(known):
         say(f"{len(known) - len(chosen)} more trials with --all")
+    warn_of_lost_frames(database, study.id)
     say(f"Next: gtf-tune study best {name}")
 
 
@@ -102,6 +104,7 @@ def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE
         write_json(_pick_as_json(found, recommended))
         return
     _write_pick(found, recommended, definition)
+    warn_of_lost_frames(database, study.id)
     if recommended.verdict == UNCONFIRMED:
         say("unconfirmed: the best of many trials looks better than it is")
         say(f"Next: gtf-tune study confirm {name}")

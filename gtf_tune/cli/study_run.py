@@ -9,6 +9,7 @@ from gtf_tune.cli.console import say
 from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage, StudyName
 from gtf_tune.cli.storage_access import hush_optuna, open_storage
+from gtf_tune.cli.study_notes import warn_of_lost_frames
 from gtf_tune.cli.values import parse_pair
 
 if TYPE_CHECKING:
@@ -129,5 +130,8 @@ def place_folders(places: list[str] | None) -> dict[str, Path]:
 
 
 def _suggest_next(name: str, storage: str, database: "Database") -> None:
+    from gtf_tune.store import studies
+
+    warn_of_lost_frames(database, studies.get(database, name).id)
     shown = "" if storage == DEFAULT_STORAGE else f" --storage {database.shown_url}"
     say(f"Next: gtf-tune study best {name}{shown}")

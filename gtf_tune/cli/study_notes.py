@@ -1,0 +1,32 @@
+"""Warn of what makes the outcome of a study worth little."""
+
+from typing import TYPE_CHECKING
+
+from gtf_tune.cli.console import say
+
+if TYPE_CHECKING:
+    from gtf_tune.store.database import Database
+
+_GOOD_COVERAGE = 0.9
+
+
+def warn_of_lost_frames(database: "Database", study_id: int) -> None:
+    """Say on stderr on which sequences the nominal setting loses frames, without noise or because of it."""
+    from gtf_tune.store import trials
+
+    nominal = next((one for one in trials.of_study(database, study_id) if one.ordinal == 0), None)
+    if nominal is None or nominal.state != "complete":
+        return
+    for name, found in trials.details(database, [nominal.id])[nominal.id]["sequences"].items():
+        clean = found["coverage_nominal"]
+        if clean < _GOOD_COVERAGE:
+            say(
+                f"warning: on {name} the nominal setting registers only {clean:.0%} of the frames; look at 'gtf-tune "
+                "sequence inspect', and give the intrinsics if they are known"
+            )
+        if found["coverage"] < _GOOD_COVERAGE * clean:
+            say(
+                f"warning: on {name} noise costs the nominal setting frames ({clean:.0%} without it, "
+                f"{found['coverage']:.0%} in the worst run), so the score says little; find a weaker noise with "
+                "'gtf-tune noise', and create a new study with --noise-sigma"
+            )

@@ -1,0 +1,45 @@
+import contextlib
+import sqlite3
+from pathlib import Path
+
+from tests.cli.conftest import Cli
+
+CREATE = ("study", "create", "small", "-p", "analytic", "-s", "room", "-n", "3", "-k", "1", "-K", "3")
+AXIS = ("-r", "filter.max_error=1e-3:1e-1:log")
+
+
+def test_a_sound_study_is_read_without_warnings(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS)
+
+    said = [
+        cli("study", *command).err for command in (("run", "small", "-j", "1"), ("show", "small"), ("best", "small"))
+    ]
+
+    assert not any("warning" in text for text in said)
+
+
+def test_frames_that_nominal_loses_are_warned_of(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "-o", "matching.max_ratio=0.3")
+    cli("study", "run", "small", "-j", "1")
+
+    assert "warning: on room the nominal setting registers only" in cli("study", "show", "small").err
+
+
+def test_frames_that_noise_costs_are_told_apart_from_those_missing_anyway(cli: Cli, room: Path, tmp_path: Path) -> None:
+    cli(*CREATE, *AXIS)
+    cli("study", "run", "small", "-j", "1")
+    with contextlib.closing(sqlite3.connect(tmp_path / "gtf-tune.db", isolation_level=None)) as database:
+        database.execute(
+            "UPDATE gtf_trial SET detail = json_set(detail, '$.sequences.room.coverage', 0.4) WHERE ordinal = 0"
+        )
+
+    said = cli("study", "best", "small").err
+
+    assert "noise costs the nominal setting frames (100% without it, 40% in the worst run)" in said
+    assert "registers only" not in said
+
+
+def test_images_are_shrunk_on_request(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "--max-image-size", "16")
+
+    assert '"max_image_size": 16' in cli("study", "show", "small", "--json").out
