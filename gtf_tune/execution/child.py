@@ -1,5 +1,6 @@
 """Execute one run inside a worker process."""
 
+import contextlib
 import errno
 import platform
 import time
@@ -68,7 +69,7 @@ def _run_logged(
         except MemoryError:
             return nothing, f"the run needed more than its memory limit of {limits.memory_bytes / _GIB:g} GB"
         except OSError as error:
-            traceback.print_exc()
+            _log_traceback()
             if error.errno in _MACHINE_FAULTS:
                 raise StorageError(
                     f"a run could not write to {error.filename or paths.folder} ({error.strerror}); "
@@ -76,8 +77,13 @@ def _run_logged(
                 ) from error
             return nothing, f"{type(error).__name__}: {error}"
         except Exception as error:  # a run may fail in any way; the reason is kept and the study goes on
-            traceback.print_exc()
+            _log_traceback()
             return nothing, f"{type(error).__name__}: {error}"
+
+
+def _log_traceback() -> None:
+    with contextlib.suppress(OSError):  # the log's own disk may be the full one
+        traceback.print_exc()
 
 
 def _run(request: RunRequest, paths: RunPaths, store: StageStore) -> PipelineOutput:

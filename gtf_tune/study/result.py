@@ -27,7 +27,9 @@ def set_attributes(trial: Trial, scored: ScoredTrial, reference: Reference) -> N
     ``improvement_percent`` is positive where the trial beats nominal.
     """
     score = scored.score
-    trial.set_constraint(COVERAGE_CONSTRAINT, score.violation)
+    # A trial that an earlier worker nearly finished has the constraint already; Optuna would warn of a second one.
+    if COVERAGE_CONSTRAINT not in trial.storage.get_trial(trial._trial_id).constraints:
+        trial.set_constraint(COVERAGE_CONSTRAINT, score.violation)
     attributes: dict[str, Any] = {"coverage": round(score.coverage, 4), "noisy_runs": scored.noisy_runs}
     if score.feasible:
         attributes["gtf_ate"] = score.value

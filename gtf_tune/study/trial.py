@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from optuna.exceptions import UpdateFinishedTrialError
 from optuna.trial import Trial
 
 from gtf_tune.execution import Executor
@@ -53,6 +54,8 @@ class TrialRunner:
         self.heartbeat.hold(slot, stop)
         try:
             end = self._run(slot, stop)
+        except UpdateFinishedTrialError as error:  # another worker took the slot over and has finished it
+            raise Interrupted from error
         except BaseException:
             slots.release(self.study.database, slot)
             raise
@@ -68,6 +71,8 @@ class TrialRunner:
         study = with_noise(self.study, self.study.sequences, source)
         scored = self._score(trial, TrialRuns(study, source, options, slot.ordinal), reference)
         database = self.study.database
+        if not slots.owns(database, slot):
+            raise Interrupted
         runs.link(database, slot.trial_id, scored.uses)
         set_attributes(trial, scored, reference)
         record_side_metric(self.study, slot, trial, scored)
