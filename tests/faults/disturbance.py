@@ -1,0 +1,202 @@
+"""Run studies in processes of their own, kill them, and check that nothing is lost, repeated or left running."""
+
+import ctypes
+import os
+import socket
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from gtf_tune.execution import Executor, InlineExecutor, LocalExecutor, StageCache
+from gtf_tune.store import runs, studies, trials
+from gtf_tune.store.database import Database, create_database, open_database
+from gtf_tune.store.digest import study_digest
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.serving import ServingRules, StudyServer
+from gtf_tune.study.stop import StopRequest, signals_to
+from tests.faults import counted
+
+NAME = "disturbed"
+PATIENCE_S = 120.0
+_CLONE_NEWNET = 0x40000000
+_CLONE_NEWUTS = 0x04000000
+
+
+def definition(room: Path, **sections: Any) -> dict[str, Any]:
+    """Return a small study; trials follow from their number alone, so that any number of workers makes the same."""
+    data: dict[str, Any] = {
+        "name": NAME,
+        "pipeline": {"name": "counted"},
+        "sequences": [{"name": "room", "path": str(room)}],
+        "space": {"filter.max_error": {"low": 1e-3, "high": 0.1, "log": True}},
+        "gtf": {"clean_runs": 1, "noisy_runs": 3, "noise_sigma": 5.0},
+        "search": {"sampler": "random", "trials": 8},
+    }
+    return {
+        name: {**value, **sections.get(name, {})} if isinstance(value, dict) else value for name, value in data.items()
+    }
+
+
+@dataclass(frozen=True)
+class WorkerPlan:
+    """Say how a worker process works: ``jobs`` 0 runs in the process itself, ``namespace`` names its network."""
+
+    storage: str
+    log: Path
+    pause_s: float = 0.02
+    jobs: int = 0
+    cache: Path | None = None
+    beat_s: float = 0.2
+    grace_s: float = 30.0
+    namespace: str = ""
+
+
+def work(plan: WorkerPlan, site: str) -> None:
+    """Serve the storage until nothing is left to do: the body of a worker process."""
+    sys.path.insert(0, site)
+    os.environ.update({counted.LOG_VARIABLE: str(plan.log), counted.PAUSE_VARIABLE: str(plan.pause_s)})
+    stop = StopRequest()
+    try:
+        if plan.namespace:
+            enter_network(plan.namespace)
+        rules = ServingRules(idle_exit_s=0.0, beat_s=plan.beat_s, grace_s=plan.grace_s)
+        with signals_to(stop, lambda text: None), _executor(plan) as executor:
+            StudyServer(open_database(plan.storage), executor, rules, stop, print).serve()
+    except BaseException:
+        traceback.print_exc()
+        os._exit(1)
+    os._exit(130 if stop.level else 0)
+
+
+def enter_network(namespace: str) -> None:
+    """Move this process to a network namespace, and to a host name of its own: it is then another machine."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    with Path(f"/run/netns/{namespace}").open("rb") as network:
+        if libc.setns(network.fileno(), _CLONE_NEWNET) or libc.unshare(_CLONE_NEWUTS):
+            raise OSError(ctypes.get_errno(), "cannot enter the network namespace")
+    socket.sethostname(namespace)
+
+
+def _executor(plan: WorkerPlan) -> Executor:
+    if not plan.jobs:
+        return InlineExecutor()
+    cache = plan.cache or plan.log.parent / "cache"
+    return LocalExecutor(plan.jobs, StageCache(cache), scratch=cache / "scratch")
+
+
+@dataclass
+class Disturbed:
+    """Hold a study that is worked on by processes which this test kills."""
+
+    storage: str
+    room: Path
+    folder: Path
+    site: Path
+    workers: list[BaseProcess] = field(default_factory=list)
+    witnessed: list[tuple[int, set[str]]] = field(default_factory=list)
+
+    @property
+    def log(self) -> Path:
+        return self.folder / "runs.log"
+
+    def create(self, **sections: Any) -> None:
+        """Create the study."""
+        database = create_database(self.storage)
+        create_study(database, checked_definition(definition(self.room, **sections), "test"), self.room)
+        database.close()
+
+    def start(self, **plan: Any) -> BaseProcess:
+        """Start a worker process and return it."""
+        process = CONTEXT.Process(target=work, args=(WorkerPlan(self.storage, self.log, **plan), str(self.site)))
+        process.start()
+        self.workers.append(process)
+        return process
+
+    def begun(self) -> list[str]:
+        """Return the identities of all runs that have begun so far, in order."""
+        return self.log.read_text().split() if self.log.exists() else []
+
+    def kill(self, process: BaseProcess) -> None:
+        """Kill a worker by SIGKILL, wait until all that it had started is gone, and note what is stored by now."""
+        family = [psutil.Process(process.pid)]
+        with suppress(psutil.NoSuchProcess):
+            family += family[0].children(recursive=True)
+        process.kill()
+        process.join(PATIENCE_S)
+        wait_until(lambda: not any(is_running(one) for one in family))
+        self.witness()
+
+    def witness(self) -> None:
+        """Note which runs are stored now: none of them may begin again."""
+        database = open_database(self.storage)
+        self.witnessed.append((len(self.begun()), stored(database)))
+        database.close()
+
+    def finish(self, processes: list[BaseProcess] | None = None, **plan: Any) -> None:
+        """Let one more worker, or those that are given, work to the end."""
+        for process in processes or [self.start(**plan)]:
+            process.join(PATIENCE_S)
+            assert process.exitcode == 0, f"a worker ended with {process.exitcode}"
+
+    def check(self, undisturbed_digest: str) -> None:
+        """Check the digest, the budget, and that no run that was stored at some moment began again afterwards."""
+        database = open_database(self.storage)
+        study = studies.get(database, NAME)
+        found = study_digest(database, NAME)
+        counts = trials.counts(database, study.id)
+        optuna_trials = _optuna_trials(database)
+        database.close()
+        assert study.state == "done"
+        assert set(counts) <= {"complete", "pruned"}
+        assert optuna_trials == sum(counts.values())
+        begun = self.begun()
+        for position, known in self.witnessed:
+            assert not known & set(begun[position:]), "a finished run was executed again"
+        assert found == undisturbed_digest
+
+
+def _optuna_trials(database: Database) -> int:
+    from gtf_tune.store.optuna_tables import optuna_storage
+
+    storage = optuna_storage(database)
+    return storage.get_n_trials(storage.get_study_id_from_name(NAME))
+
+
+def stored(database: Database) -> set[str]:
+    """Return the identities of all stored runs that trials may use."""
+    from sqlalchemy import select
+
+    from gtf_tune.store import models
+    from gtf_tune.store.rows import columns_of
+    from gtf_tune.store.session import read_rows
+
+    found = [runs.StoredRun(*row) for row in read_rows(database, select(*columns_of(models.Run, runs.StoredRun)))]
+    return {counted.identity(run.seed, run.noise_seed, run.options) for run in found}
+
+
+def is_running(process: psutil.Process) -> bool:
+    """Tell whether a process lives; one that ended but is not reaped yet does not."""
+    with suppress(psutil.NoSuchProcess):
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    return False
+
+
+def wait_until(condition: Callable[[], object], timeout_s: float = PATIENCE_S) -> None:
+    """Return as soon as the condition holds."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "what the test waits for did not happen"
+        time.sleep(0.01)
+
+
+CONTEXT = get_context("forkserver")
+CONTEXT.set_forkserver_preload(["tests.faults.disturbance", "optuna", "gtf_tune.store.patient_optuna"])

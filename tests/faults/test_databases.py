@@ -1,0 +1,125 @@
+"""Databases that restart, drop connections, fill up, or whose clock jumps."""
+
+import random
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from sqlalchemy import text
+
+from gtf_tune.errors import GtfTuneError, StorageError
+from gtf_tune.execution import FreshStages, InlineExecutor, LocalExecutor, StageCache
+from gtf_tune.store.database import open_database
+from gtf_tune.study.create import open_study
+from gtf_tune.study.worker import StudyWorker
+from tests.faults.conftest import Disturb
+from tests.faults.counted import LOG_VARIABLE, PAUSE_VARIABLE
+from tests.faults.disks import SmallDisk
+from tests.faults.disturbance import NAME, wait_until
+from tests.faults.servers import RestartableServer
+
+
+@pytest.mark.parametrize("mode", ["fast", "immediate"])
+def test_workers_wait_for_a_server_that_restarts(
+    mode: str, restartable_server: RestartableServer, disturb: Disturb, undisturbed: Callable[..., str]
+) -> None:
+    study = disturb(restartable_server.new_storage())
+    study.create()
+    workers = [study.start(pause_s=0.05) for _ in range(2)]
+
+    wait_until(lambda: len(study.begun()) >= 6)
+    restartable_server.control("restart", "-m", mode)
+    study.finish(workers)
+
+    study.check(undisturbed())
+
+
+def test_connections_that_are_dropped_at_any_moment_are_made_again(
+    restartable_server: RestartableServer, disturb: Disturb, undisturbed: Callable[..., str]
+) -> None:
+    study = disturb(restartable_server.new_storage())
+    study.create()
+    workers = [study.start(pause_s=0.02) for _ in range(2)]
+    chance = random.Random(0)
+
+    wait_until(lambda: study.begun())
+    while any(worker.is_alive() for worker in workers):
+        restartable_server.execute(
+            "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE application_name = 'gtf-tune'"
+        )
+        workers[0].join(chance.uniform(0.1, 0.5))
+    study.finish(workers)
+
+    study.check(undisturbed())
+
+
+def test_a_clock_that_jumps_costs_nothing(
+    disturb: Disturb, make_storage: Callable[..., str], undisturbed: Callable[..., str]
+) -> None:
+    study = disturb(make_storage("postgresql", True))
+    study.create()
+    workers = [study.start(pause_s=0.05) for _ in range(2)]
+    database = open_database(study.storage)
+
+    for seconds in (3600, -3600, 86400):
+        begun = len(study.begun())
+        wait_until(lambda begun=begun: len(study.begun()) > begun + 2 or not any(one.is_alive() for one in workers))
+        with database.engine.begin() as connection:
+            # To the workers it looks as if the database's clock had jumped the other way.
+            jump = text("UPDATE gtf_trial SET heartbeat_at = heartbeat_at + :seconds WHERE state = 'claimed'")
+            connection.execute(jump, {"seconds": seconds})
+    database.close()
+    study.finish(workers)
+
+    study.check(undisturbed())
+
+
+def test_a_study_on_a_full_disk_says_so_and_goes_on_when_there_is_room(
+    small_disk: SmallDisk, disturb: Disturb, undisturbed: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = disturb(f"sqlite:///{small_disk.folder}/study.db")
+    study.create()
+    database = open_database(study.storage)
+    monkeypatch.setenv(LOG_VARIABLE, str(study.log))
+    monkeypatch.setenv(PAUSE_VARIABLE, "0")
+    opened = open_study(database, NAME)
+    small_disk.fill()
+
+    with pytest.raises(StorageError, match=r"disk is full|check the disk") as caught:
+        StudyWorker(opened, InlineExecutor()).work()
+    small_disk.free()
+    database.close()
+    study.witness()
+    study.finish()
+
+    assert "\n" not in str(caught.value)
+    study.check(undisturbed())
+
+
+@pytest.mark.parametrize("what", ["cache", "scratch"])
+def test_a_full_disk_under_the_cache_or_the_images_stops_the_study_and_spoils_no_run(
+    what: str,
+    small_disk: SmallDisk,
+    disturb: Disturb,
+    undisturbed: Callable[..., str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stages = {"pipeline": {"settings": {"stages": "yes"}}}
+    study = disturb(f"sqlite:///{tmp_path}/study.db")
+    study.create(**stages)
+    store = StageCache(small_disk.folder / "cache") if what == "cache" else FreshStages()
+    scratch = tmp_path / "scratch" if what == "cache" else small_disk.folder / "scratch"
+    database = open_database(study.storage)
+    monkeypatch.setenv(LOG_VARIABLE, str(study.log))
+    monkeypatch.setenv(PAUSE_VARIABLE, "0")
+    small_disk.fill()
+
+    with LocalExecutor(1, store, scratch) as executor, pytest.raises(GtfTuneError, match="No space left on device"):
+        StudyWorker(open_study(database, NAME), executor).work()
+    small_disk.free()
+    database.close()
+    study.witness()
+    study.finish()
+
+    study.check(undisturbed(**stages))
