@@ -22,6 +22,7 @@ _BUILT_IN = MappingProxyType(
         "colmap": "gtf_tune.pipelines.colmap:create",
         "colmap-hierarchical": "gtf_tune.pipelines.colmap:create_hierarchical",
         "command": "gtf_tune.pipelines.command:create",
+        "droid-slam": "gtf_tune.pipelines.droid_slam:create",
         "glomap": "gtf_tune.pipelines.glomap:create",
     }
 )
