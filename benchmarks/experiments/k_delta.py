@@ -1,6 +1,7 @@
 """Show how agreement with the true error grows with the number of noisy runs (the paper's figure on k_delta)."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,3 +29,29 @@ def r_squared_by_count(outcome: Outcome, aggregate: Aggregate, counts: Sequence[
             values.append(np.corrcoef(scores, true)[0, 1] ** 2)
         found.append(float(np.mean(values)))
     return found
+
+
+@dataclass(frozen=True)
+class Picks:
+    """Say what picks from random choices of noisy runs are worth: changes of the true ATE, negative where better."""
+
+    mean: float
+    worst_decile: float
+    regressions: float
+
+
+def picks(outcome: Outcome, aggregate: Aggregate, count: int) -> Picks:
+    """Return what an aggregate's pick is worth over random choices of ``count`` noisy runs.
+
+    A regression is a pick worse than nominal by more than 1 %.
+    """
+    settings = outcome.feasible
+    available = min(one.matrix.shape[1] for one in settings)
+    generator = np.random.default_rng(0)
+    changes = []
+    for _ in range(DRAWS):
+        chosen = generator.permutation(available)[:count]
+        scores = [aggregate_matrix(one.matrix[:, chosen], aggregate) for one in settings]
+        changes.append(outcome.change(settings[int(np.argmin(scores))]))
+    found = np.array(changes)
+    return Picks(float(found.mean()), float(np.quantile(found, 0.9)), float((found > 0.01).mean()))
