@@ -1,1 +1,1 @@
-"""report"""
+"""Show a study: one HTML file, and the same figures in optuna-dashboard."""

@@ -1,0 +1,108 @@
+"""Read what a report shows from the database."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from gtf_tune.definition import StudyDefinition, definition_from_dict
+from gtf_tune.store import confirmations, runs, studies, trials, validations
+from gtf_tune.store.confirmations import Confirmation
+from gtf_tune.store.database import Database
+from gtf_tune.store.runs import TrialRun
+from gtf_tune.store.studies import Study, StudySequence
+from gtf_tune.store.trials import Trial
+from gtf_tune.store.validations import Validation
+
+
+@dataclass(frozen=True, eq=False)
+class StudyData:
+    """Hold a study as it is stored: its trials with their matrices, ground truth beside them, confirmations.
+
+    ``sequences`` are those that the search sees. ``details`` and ``validations`` are by the ordinal of the trial.
+    ``runs`` is empty where nobody asked for them.
+    """
+
+    study: Study
+    definition: StudyDefinition
+    sequences: tuple[StudySequence, ...]
+    trials: tuple[Trial, ...]
+    details: Mapping[int, Mapping[str, Any]] = field(repr=False)
+    validations: Mapping[int, Sequence[Validation]] = field(repr=False)
+    confirmations: tuple[Confirmation, ...] = ()
+    runs: tuple[TrialRun, ...] = field(default=(), repr=False)
+    storage: str = ""
+
+    @property
+    def feasible(self) -> tuple[Trial, ...]:
+        """Return the trials that may be picked."""
+        return tuple(one for one in self.trials if one.state == "complete" and one.feasible and one.value is not None)
+
+    @property
+    def nominal(self) -> Trial | None:
+        """Return trial 0 once it is complete and feasible, else None."""
+        return next((one for one in self.feasible if one.ordinal == 0), None)
+
+    @property
+    def best(self) -> Trial | None:
+        """Return the feasible trial of the smallest value, the first of equals, or None before there is one."""
+        return min(self.feasible, key=lambda one: (one.value, one.ordinal), default=None)
+
+    @property
+    def has_several_sequences(self) -> bool:
+        """Tell whether values are combined over sequences, relative to nominal."""
+        return len(self.sequences) > 1
+
+
+def read_search(database: Database, name: str) -> StudyData:
+    """Return a study without its runs: what figures of the search need, cheap enough to read while it runs.
+
+    Raises
+    ------
+    StorageError
+        There is no such study.
+    """
+    study = studies.get(database, name)
+    return _with_trials(database, study, trials.of_study(database, study.id))
+
+
+def read_trials(database: Database, name: str, ordinals: Sequence[int]) -> StudyData:
+    """Return a study with some of its trials and their runs only, at a cost that does not grow with the study.
+
+    Raises
+    ------
+    StorageError
+        There is no such study or trial.
+    """
+    study = studies.get(database, name)
+    found = [trials.get(database, study.id, ordinal) for ordinal in dict.fromkeys(ordinals)]
+    used = [one for trial in found for one in runs.of_trial(database, trial.id)]
+    return replace(_with_trials(database, study, found), runs=tuple(used))
+
+
+def read_study(database: Database, name: str) -> StudyData:
+    """Return a study with the runs of all its trials.
+
+    Raises
+    ------
+    StorageError
+        There is no such study.
+    """
+    search = read_search(database, name)
+    return replace(search, runs=tuple(runs.of_study(database, search.study.id)))
+
+
+def _with_trials(database: Database, study: Study, found: Sequence[Trial]) -> StudyData:
+    definition = definition_from_dict(json.loads(study.definition), f"study '{study.name}'")
+    searched = {one.name for one in definition.searched_sequences}
+    by_id = trials.details(database, [one.id for one in found])
+    return StudyData(
+        study=study,
+        definition=definition,
+        sequences=tuple(one for one in studies.sequences(database, study.id) if one.name in searched),
+        trials=tuple(found),
+        details={one.ordinal: by_id.get(one.id) or {} for one in found},
+        validations=validations.of_study(database, study.id),
+        confirmations=tuple(confirmations.of_study(database, study.id)),
+        storage=database.shown_url,
+    )

@@ -1,0 +1,166 @@
+"""List trials as points: what they chose and what came out, in shown units."""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from statistics import fmean
+from typing import Literal
+
+from gtf_tune.pipelines import OptionValue
+from gtf_tune.report.study_data import StudyData
+from gtf_tune.report.tables.details import sequence_detail
+from gtf_tune.report.units import ScoreUnit, sequence_unit, study_unit
+from gtf_tune.store.trials import Trial
+
+PointState = Literal["feasible", "infeasible", "pruned", "failed", "running"]
+
+_REPROJECTION = "mean_reprojection_error_px"
+
+
+@dataclass(frozen=True)
+class TrialPoint:
+    """Hold one trial for drawing; numbers are NaN where they are not known.
+
+    ``value``, ``low`` and ``high`` (95 % interval) are in the unit of the points, ``ground_truth`` in that of the
+    ground truth, or relative to nominal where sequences are combined. ``coverage`` is that of the worst run.
+    """
+
+    ordinal: int
+    state: PointState
+    options: Mapping[str, OptionValue] = field(default_factory=dict)
+    value: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    ground_truth: float = math.nan
+    reprojection_px: float = math.nan
+    coverage: float = math.nan
+    collapsed: float = math.nan
+    noisy_runs: int = 0
+    wall_s: float = math.nan
+    message: str = ""
+
+    @property
+    def is_scored(self) -> bool:
+        """Tell whether the trial is feasible and has a value."""
+        return self.state == "feasible" and math.isfinite(self.value)
+
+
+@dataclass(frozen=True)
+class PointSet:
+    """Hold the points of a study, or of one of its sequences, with the unit of their values.
+
+    ``truth_label`` names the unit of ``ground_truth``.
+    """
+
+    title: str
+    unit: ScoreUnit
+    truth_label: str
+    points: tuple[TrialPoint, ...]
+
+    @property
+    def scored(self) -> tuple[TrialPoint, ...]:
+        """Return the feasible points."""
+        return tuple(point for point in self.points if point.is_scored)
+
+    @property
+    def nominal(self) -> TrialPoint | None:
+        """Return the point of trial 0, if it is feasible."""
+        return next((point for point in self.scored if point.ordinal == 0), None)
+
+    @property
+    def has_ground_truth(self) -> bool:
+        """Tell whether any feasible point has ground truth."""
+        return any(math.isfinite(point.ground_truth) for point in self.scored)
+
+
+def study_points(data: StudyData) -> PointSet:
+    """Return the trials with the values that the search minimises."""
+    if not data.has_several_sequences:
+        return sequence_points(data, data.sequences[0].name)
+    unit = study_unit(data)
+    truth, reprojection = _combined_truth(data), _reprojection(data, {one.name for one in data.sequences})
+    points = [
+        _point(trial, trial.gtf_ate, unit, (trial.ci_low, trial.ci_high), truth, reprojection) for trial in data.trials
+    ]
+    return PointSet("all sequences", unit, "ground-truth ATE [relative to nominal]", tuple(points))
+
+
+def sequence_points(data: StudyData, sequence: str) -> PointSet:
+    """Return the trials with the scores that they have on one sequence."""
+    unit = sequence_unit(data.definition.gtf)
+    truth, reprojection = _truth(data, sequence), _reprojection(data, {sequence})
+    points = []
+    for trial in data.trials:
+        detail = sequence_detail(data, trial.ordinal, sequence)
+        points.append(_point(trial, detail.value, unit, (detail.low, detail.high), truth, reprojection))
+    return PointSet(sequence, unit, "ground-truth ATE [GT unit]", tuple(points))
+
+
+def state_of(trial: Trial) -> PointState:
+    """Return how a trial ended, in one word."""
+    if trial.state == "claimed":
+        return "running"
+    if trial.state == "complete":
+        return "feasible" if trial.feasible else "infeasible"
+    return "pruned" if trial.state == "pruned" else "failed"
+
+
+def _point(
+    trial: Trial,
+    value: float | None,
+    unit: ScoreUnit,
+    interval: tuple[float | None, float | None],
+    truth: Mapping[int, float],
+    reprojection: Mapping[int, float],
+) -> TrialPoint:
+    known = trial.feasible is True and trial.gtf_ate is not None
+    return TrialPoint(
+        ordinal=trial.ordinal,
+        state=state_of(trial),
+        options=trial.options or {},
+        value=unit.shown(value) if known else math.nan,
+        low=unit.shown(interval[0]) if known else math.nan,
+        high=unit.shown(interval[1]) if known else math.nan,
+        ground_truth=truth.get(trial.ordinal, math.nan),
+        reprojection_px=reprojection.get(trial.ordinal, math.nan),
+        coverage=math.nan if trial.coverage is None else trial.coverage,
+        collapsed=math.nan if trial.collapsed_rate is None else trial.collapsed_rate,
+        noisy_runs=trial.noisy_runs,
+        wall_s=trial.wall_s,
+        message=trial.message,
+    )
+
+
+def _truth(data: StudyData, sequence: str) -> dict[int, float]:
+    return {
+        ordinal: one.ate
+        for ordinal, found in data.validations.items()
+        for one in found
+        if one.sequence_name == sequence and one.ate is not None
+    }
+
+
+def _combined_truth(data: StudyData) -> dict[int, float]:
+    """Return the geometric mean over sequences of ground-truth ATE / that of nominal, as scores are combined."""
+    by_sequence = [_truth(data, one.name) for one in data.sequences]
+    usable = [errors for errors in by_sequence if errors.get(0, 0.0) > 0]
+    ordinals = set.intersection(*(set(errors) for errors in usable)) if usable else set()
+    return {
+        ordinal: _geometric_mean(errors[ordinal] / errors[0] for errors in usable)
+        for ordinal in ordinals
+        if all(errors[ordinal] > 0 for errors in usable)
+    }
+
+
+def _geometric_mean(values: Iterable[float]) -> float:
+    return math.exp(fmean(math.log(value) for value in values))
+
+
+def _reprojection(data: StudyData, sequences: set[str]) -> dict[int, float]:
+    """Return the mean reprojection error in pixels over the clean runs of each trial that reported one."""
+    found: dict[int, list[float]] = {}
+    for one in data.runs:
+        value = one.run.diagnostics.get(_REPROJECTION)
+        if one.run.kind == "clean" and one.sequence_name in sequences and isinstance(value, int | float):
+            found.setdefault(one.ordinal, []).append(float(value))
+    return {ordinal: fmean(values) for ordinal, values in found.items()}

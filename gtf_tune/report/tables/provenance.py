@@ -1,0 +1,68 @@
+"""Collect what someone needs to repeat a study."""
+
+import json
+from dataclasses import dataclass
+
+from gtf_tune.report.study_data import StudyData
+
+
+@dataclass(frozen=True)
+class SequenceOrigin:
+    """Hold what identifies the images of one sequence; ``sigma`` is the noise in grey levels, as text."""
+
+    name: str
+    path: str
+    layout: str
+    frames: int
+    size: str
+    camera: str
+    has_ground_truth: bool
+    sigma: str
+    fingerprint: str
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Hold the definition of a study as indented JSON, the versions that its runs saw, and its sequences."""
+
+    definition: str
+    versions: tuple[tuple[str, str], ...]
+    seed: int
+    sampler: str
+    sequences: tuple[SequenceOrigin, ...]
+    threads: tuple[int, ...]
+
+
+def provenance(data: StudyData) -> Provenance:
+    """Return what a study depends on."""
+    sigmas = data.study.resolved.get("noise_sigma") or {}
+    return Provenance(
+        definition=json.dumps(json.loads(data.study.definition), indent=2, ensure_ascii=False),
+        versions=_versions(data),
+        seed=data.definition.search.seed,
+        sampler=data.definition.search.sampler,
+        sequences=tuple(
+            SequenceOrigin(
+                name=one.name,
+                path=one.path,
+                layout=one.layout,
+                frames=one.num_frames,
+                size=f"{one.width} x {one.height}",
+                camera=one.camera,
+                has_ground_truth=one.has_ground_truth,
+                sigma=str(sigmas.get(one.name, data.definition.gtf.noise_sigma)),
+                fingerprint=one.fingerprint,
+            )
+            for one in data.sequences
+        ),
+        threads=tuple(sorted({one.run.threads for one in data.runs})),
+    )
+
+
+def _versions(data: StudyData) -> tuple[tuple[str, str], ...]:
+    """Return every version that any run or the creation of the study saw, by name; several are joined."""
+    seen: dict[str, set[str]] = {}
+    for versions in (data.study.resolved.get("versions") or {}, *(one.run.versions for one in data.runs)):
+        for name, version in versions.items():
+            seen.setdefault(str(name), set()).add(str(version))
+    return tuple((name, ", ".join(sorted(found))) for name, found in sorted(seen.items()))

@@ -1,0 +1,138 @@
+"""Say what to do with the result of a study, and how sure that is."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from gtf_tune.pipelines import OptionValue
+from gtf_tune.report.study_data import StudyData
+from gtf_tune.report.tables.details import instance_values
+from gtf_tune.report.tables.options import options_at_an_edge
+from gtf_tune.report.tables.points import TrialPoint, study_points
+from gtf_tune.study.confirm_verdict import ADOPT
+from gtf_tune.study.picking import Improvement, improvement
+
+VerdictKind = Literal["adopt", "keep", "unconfirmed", "none"]
+
+_UNKNOWN = Improvement(math.nan, math.nan, math.nan, 0)
+
+
+@dataclass(frozen=True)
+class OptionChange:
+    """Hold one searched option with its nominal and its chosen value."""
+
+    option: str
+    nominal: OptionValue | None
+    chosen: OptionValue
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Hold what a confirmation with fresh seeds found about one trial; ``reasons`` speak against adopting it."""
+
+    ordinal: int
+    improvement: Improvement
+    p_value: float
+    is_adopted: bool
+    reasons: tuple[str, ...]
+    by_sequence: Mapping[str, Improvement]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Hold what a study says.
+
+    ``adopt`` and ``keep`` come from a confirmation with fresh seeds; ``unconfirmed`` means that the best trial so far
+    is not the nominal one and was not confirmed; ``none`` that no trial is feasible yet, or that none beats nominal.
+    ``ratio`` is the trial's score over nominal's in the search, ``improvement`` the same instance by instance, from the
+    confirmation where there is one; ``ground_truth`` is the improvement that ground truth sees. ``collapsed`` is the
+    share of the trial's noisy runs that fell apart.
+    """
+
+    kind: VerdictKind
+    ordinal: int | None
+    changes: tuple[OptionChange, ...] = ()
+    ratio: float = math.nan
+    improvement: Improvement = _UNKNOWN
+    ground_truth: float = math.nan
+    collapsed: float = math.nan
+    at_an_edge: tuple[str, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
+
+    @property
+    def is_distinct(self) -> bool:
+        """Tell whether the interval of the improvement lies above zero."""
+        return self.improvement.low > 0
+
+
+def study_verdict(data: StudyData) -> Verdict:
+    """Return the verdict of the last confirmation if today's best trial was part of it, else that of the trials."""
+    if data.best is None:
+        return Verdict("none", None)
+    found = confirmed_candidates(data)
+    best = data.best.ordinal
+    if data.confirmations and best in {0, *(one.ordinal for one in found)}:
+        adopted = max((one for one in found if one.is_adopted), key=lambda one: one.improvement.value, default=None)
+        if adopted is None:
+            return _about(data, "keep", 0, _UNKNOWN, found)
+        return _about(data, "adopt", adopted.ordinal, adopted.improvement, found)
+    if best == 0:
+        return _about(data, "none", 0)
+    return _about(data, "unconfirmed", best, _searched_improvement(data, best))
+
+
+def confirmed_candidates(data: StudyData) -> tuple[Candidate, ...]:
+    """Return what the last confirmation found about each of its candidates; empty where there is none."""
+    if not data.confirmations:
+        return ()
+    return tuple(_candidate(row) for row in data.confirmations[-1].result.get("candidates") or ())
+
+
+def _candidate(row: Mapping[str, Any]) -> Candidate:
+    return Candidate(
+        ordinal=int(row["ordinal"]),
+        improvement=_improvement(row),
+        p_value=_number(row.get("adjusted_p_value")),
+        is_adopted=row.get("verdict") == ADOPT,
+        reasons=tuple(row.get("reasons") or ()),
+        by_sequence={name: _improvement(one) for name, one in (row.get("by_sequence") or {}).items()},
+    )
+
+
+def _improvement(row: Mapping[str, Any]) -> Improvement:
+    value, low, high = (_number(row.get(name)) for name in ("improvement", "low", "high"))
+    return Improvement(value, low, high, int(row.get("instances") or 0))
+
+
+def _about(
+    data: StudyData,
+    kind: VerdictKind,
+    ordinal: int,
+    found: Improvement = _UNKNOWN,
+    candidates: tuple[Candidate, ...] = (),
+) -> Verdict:
+    points = {point.ordinal: point for point in study_points(data).points}
+    chosen = points.get(ordinal, TrialPoint(ordinal, "failed"))
+    nominal = points.get(0, TrialPoint(0, "failed"))
+    names = [name for name in data.definition.space if name in chosen.options]
+    return Verdict(
+        kind=kind,
+        ordinal=ordinal,
+        changes=tuple(OptionChange(name, nominal.options.get(name), chosen.options[name]) for name in names),
+        ratio=chosen.value / nominal.value if nominal.value else math.nan,
+        improvement=found,
+        ground_truth=1 - chosen.ground_truth / nominal.ground_truth if nominal.ground_truth else math.nan,
+        collapsed=chosen.collapsed,
+        at_an_edge=options_at_an_edge(data.definition.space, chosen.options) if ordinal else (),
+        candidates=candidates,
+    )
+
+
+def _searched_improvement(data: StudyData, best: int) -> Improvement:
+    nominal, other = instance_values(data, 0), instance_values(data, best)
+    return improvement(nominal, other) if nominal and other else _UNKNOWN
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)

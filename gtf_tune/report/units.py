@@ -1,0 +1,46 @@
+"""Say in which unit scores are shown."""
+
+from dataclasses import dataclass
+
+from gtf_tune.definition import GtfDefinition
+from gtf_tune.report.study_data import StudyData
+
+_NAMES = {"ate": "GTF ATE", "rpe_translation": "GTF RPE", "rpe_rotation": "GTF RPE (rotation)"}
+_PER_MILLE = 1000.0
+
+
+@dataclass(frozen=True)
+class ScoreUnit:
+    """Hold the name of a score, the factor from stored to shown values, and the shown unit, short and in words."""
+
+    name: str
+    factor: float
+    symbol: str
+    words: str
+
+    @property
+    def label(self) -> str:
+        """Return the title of an axis."""
+        return f"{self.name} [{self.symbol}]"
+
+    def shown(self, stored: float | None) -> float:
+        """Return a stored value in the shown unit; NaN where there is none."""
+        return float("nan") if stored is None else stored * self.factor
+
+
+def sequence_unit(gtf: GtfDefinition) -> ScoreUnit:
+    """Return the unit of the scores of one sequence."""
+    name = _NAMES[gtf.metric]
+    if gtf.metric == "rpe_rotation":
+        return ScoreUnit(name, 1.0, "deg", "degrees")
+    if gtf.normalise == "none":
+        return ScoreUnit(name, 1.0, "unit of the trajectory", "units of the trajectory")
+    return ScoreUnit(name, _PER_MILLE, "‰ of extent", "per mille of the trajectory's extent")
+
+
+def study_unit(data: StudyData) -> ScoreUnit:
+    """Return the unit of the values of a study: that of its sequence, or the ratio to nominal for several."""
+    if not data.has_several_sequences:
+        return sequence_unit(data.definition.gtf)
+    name = _NAMES[data.definition.gtf.metric]
+    return ScoreUnit(name, 1.0, "relative to nominal", "times nominal (geometric mean over the sequences)")

@@ -1,0 +1,95 @@
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from gtf_tune.report.panels.verdict import verdict_headline, verdict_sentences
+from gtf_tune.report.study_data import StudyData, read_search, read_study
+from gtf_tune.report.tables.verdict import study_verdict
+from gtf_tune.store.database import Database
+
+Confirm = Callable[[Database, str], None]
+
+
+def test_the_best_trial_is_unconfirmed_without_a_confirmation(data: StudyData) -> None:
+    verdict = study_verdict(data)
+
+    assert (verdict.kind, verdict.ordinal) == ("unconfirmed", 3)
+    assert {change.option: (change.nominal, change.chosen) for change in verdict.changes} == {
+        "filter.max_error": (0.01, 0.002),
+        "robust.kernel": ("huber", "cauchy"),
+    }
+
+
+def test_an_unconfirmed_improvement_is_paired_by_noise_and_said_to_be_flattering(data: StudyData) -> None:
+    verdict = study_verdict(data)
+
+    assert verdict.improvement.low < verdict.improvement.value < verdict.improvement.high
+    assert verdict.improvement.value == pytest.approx(1 - verdict.ratio, abs=0.05)
+    assert "flatters" in verdict_sentences(data, verdict)[0]
+    assert "gtf-tune study confirm synthetic" in verdict_sentences(data, verdict)[0]
+
+
+def test_ground_truth_is_mentioned_as_something_that_the_search_never_saw(data: StudyData) -> None:
+    verdict = study_verdict(data)
+
+    assert 0 < verdict.ground_truth < 1
+    assert any("never saw" in sentence for sentence in verdict_sentences(data, verdict))
+
+
+def test_a_confirmed_candidate_is_to_be_adopted(own_database: Database, confirm_study: Confirm) -> None:
+    confirm_study(own_database, "adopt")
+
+    verdict = study_verdict(read_study(own_database, "synthetic"))
+
+    assert (verdict.kind, verdict.ordinal) == ("adopt", 3)
+    assert verdict.improvement.value == 0.31
+    assert verdict_headline(verdict) == "Adopt the options of trial 3"
+
+
+def test_nominal_is_kept_where_no_candidate_was_confirmed(own_database: Database, confirm_study: Confirm) -> None:
+    confirm_study(own_database, "keep nominal")
+
+    verdict = study_verdict(read_study(own_database, "synthetic"))
+
+    assert (verdict.kind, verdict.ordinal) == ("keep", 0)
+    assert verdict.candidates[0].reasons == ("not significantly better than nominal",)
+
+
+def test_a_confirmation_says_nothing_about_a_better_trial_that_came_later(
+    own_database: Database, confirm_study: Confirm
+) -> None:
+    confirm_study(own_database, "adopt")
+    data = read_study(own_database, "synthetic")
+    later = [replace(one, value=1e-6) if one.ordinal == 8 else one for one in data.trials]
+
+    verdict = study_verdict(replace(data, trials=tuple(later)))
+
+    assert (verdict.kind, verdict.ordinal) == ("unconfirmed", 8)
+
+
+def test_nominal_stays_where_nothing_is_better(data: StudyData) -> None:
+    worse = tuple(one for one in data.trials if one.ordinal in (0, 1))
+
+    verdict = study_verdict(replace(data, trials=worse))
+
+    assert (verdict.kind, verdict.ordinal) == ("none", 0)
+    assert verdict_headline(verdict) == "Keep the nominal options so far"
+
+
+def test_a_study_without_a_feasible_trial_has_no_verdict(database: Database) -> None:
+    data = read_search(database, "empty")
+
+    verdict = study_verdict(data)
+
+    assert (verdict.kind, verdict.ordinal) == ("none", None)
+    assert verdict_sentences(data, verdict) == ["None of 0 trials is feasible and complete so far."]
+
+
+def test_a_pick_at_the_end_of_its_range_is_a_reason_to_widen_it(data: StudyData) -> None:
+    edge = [replace(one, options={**(one.options or {}), "filter.max_error": 1e-5}) for one in data.trials]
+
+    verdict = study_verdict(replace(data, trials=tuple(edge)))
+
+    assert verdict.at_an_edge == ("filter.max_error",)
+    assert any("wider range" in sentence for sentence in verdict_sentences(data, verdict))
