@@ -1,0 +1,34 @@
+"""Write what a reader sees when pointing at a trial."""
+
+import math
+from html import escape
+
+from gtf_tune.report.numbers import interval, share, significant
+from gtf_tune.report.tables.points import PointSet, TrialPoint
+
+_LONGEST = 90
+
+
+def trial_text(point: TrialPoint, points: PointSet) -> str:
+    """Return the hover text of a trial."""
+    name = "trial 0 (nominal)" if point.ordinal == 0 else f"trial {point.ordinal}"
+    lines = [f"<b>{name}</b>"]
+    if math.isfinite(point.value):
+        lines.append(f"{points.unit.name} {significant(point.value)} {points.unit.symbol}")
+    if point.state != "feasible":
+        lines.append(f"{point.state}: {shortened(point.message)}" if point.message else point.state)
+    if math.isfinite(point.low):
+        lines.append(f"95 % interval {interval(point.low, point.high)}")
+    if math.isfinite(point.ground_truth):
+        lines.append(f"ground-truth ATE {significant(point.ground_truth, 4)}")
+    if math.isfinite(point.coverage):
+        lines.append(f"coverage {share(point.coverage)}")
+    if point.collapsed > 0:
+        lines.append(f"{share(point.collapsed)} of the noisy runs collapsed")
+    return "<br>".join(lines)
+
+
+def shortened(text: str, longest: int = _LONGEST) -> str:
+    """Return at most so many characters of a text on one line, safe inside a figure."""
+    line = " ".join(text.split())
+    return escape(line if len(line) <= longest else line[: longest - 1] + "…")

@@ -1,0 +1,90 @@
+"""Draw the errors between clean and noisy runs."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import plotly.graph_objects as go
+
+from gtf_tune.report.figures import theme
+from gtf_tune.report.figures.hover import shortened
+from gtf_tune.report.numbers import significant
+from gtf_tune.report.tables.details import SequenceDetail
+from gtf_tune.report.units import ScoreUnit
+
+_ROW_PX = 34
+_SURROUNDINGS_PX = 100
+_MOST_LABELLED = 400
+
+
+def matrix_range(details: Sequence[SequenceDetail], unit: ScoreUnit) -> tuple[float, float]:
+    """Return the smallest and the largest error of several matrices in the shown unit, so that they share colours."""
+    values = [float(value) * unit.factor for one in details for value in one.matrix.ravel() if math.isfinite(value)]
+    positive = [value for value in values if value > 0]
+    return (min(positive), max(positive)) if positive else (1.0, 1.0)
+
+
+def matrix_figure(detail: SequenceDetail, unit: ScoreUnit, colours: tuple[float, float]) -> go.Figure:
+    """Return the (k, k_delta) matrix as a heat map on a logarithmic colour scale."""
+    rows, columns = detail.matrix.shape
+    values = detail.matrix * unit.factor
+    drawn = theme.figure(height=_SURROUNDINGS_PX + _ROW_PX * max(rows, 2))
+    low, high = (math.log10(end) for end in colours)
+    ticks = [low, (low + high) / 2, high] if high > low else [low]
+    drawn.add_heatmap(
+        z=np.log10(np.where(values > 0, values, np.nan)),
+        zmin=low,
+        zmax=high if high > low else low + 1,
+        colorscale=theme.ERROR_SCALE,
+        xgap=2,
+        ygap=2,
+        text=_labels(detail, values),
+        texttemplate="%{text}" if rows * columns <= _MOST_LABELLED else None,
+        hovertext=[[_hover(detail, values, i, j, unit) for j in range(columns)] for i in range(rows)],
+        hoverinfo="text",
+        hoverongaps=True,
+        colorbar={
+            "title": {"text": unit.symbol, "side": "right", "font": {"size": 12}},
+            "tickvals": ticks,
+            "ticktext": [significant(10**tick, 2) for tick in ticks],
+            "thickness": 12,
+            "outlinewidth": 0,
+        },
+    )
+    drawn.update_layout(
+        xaxis=theme.axis(
+            "noisy run",
+            tickvals=list(range(columns)),
+            ticktext=[f"{j}<br>collapsed" if _flag(detail, j) else str(j) for j in range(columns)],
+            showgrid=False,
+        ),
+        yaxis=theme.axis("clean run", tickvals=list(range(rows)), autorange="reversed", showgrid=False),
+        margin={"t": 12},
+    )
+    return drawn
+
+
+def _labels(detail: SequenceDetail, values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[list[str]]:
+    return [["failed" if math.isnan(value) else significant(float(value)) for value in row] for row in values]
+
+
+def _flag(detail: SequenceDetail, column: int) -> bool:
+    return column < len(detail.collapsed) and detail.collapsed[column]
+
+
+def _hover(
+    detail: SequenceDetail,
+    values: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+    row: int,
+    column: int,
+    unit: ScoreUnit,
+) -> str:
+    value = float(values[row, column])
+    reason = shortened(detail.pair_errors.get((row, column), "no error could be computed"))
+    lines = [
+        f"clean run {row}, noisy run {column}",
+        f"<b>{significant(value, 4)} {unit.symbol}</b>" if math.isfinite(value) else reason,
+    ]
+    if _flag(detail, column):
+        lines.append("this noisy run collapsed")
+    return "<br>".join(lines)

@@ -1,0 +1,70 @@
+"""Lay out the three axes of the paper's figure: an option, the score, ground truth."""
+
+import math
+from html import escape
+from typing import Any
+
+from gtf_tune.report.figures import theme
+from gtf_tune.report.tables.options import OptionAxis, OptionCurve
+from gtf_tune.report.tables.points import PointSet
+
+_LOG_FROM_RATIO = 20.0
+_MARGIN_SHARE = 0.04
+_FEW_DECADES = 1.2
+
+
+def option_axis_layout(axis: OptionAxis) -> dict[str, Any]:
+    """Return the settings of the axis of an option: log where the space is log, words for categories."""
+    settings = theme.axis(escape(axis.option))
+    if axis.scale == "categories":
+        ticks = list(range(len(axis.categories)))
+        words = [escape(word) for word in axis.categories]
+        return {**settings, "tickvals": ticks, "ticktext": words, "range": [-0.5, len(ticks) - 0.5]}
+    if axis.scale == "linear":
+        return {**settings, "range": _with_margin(axis.low, axis.high)}
+    low, high = math.log10(axis.low), math.log10(axis.high)
+    return {
+        **settings,
+        "type": "log",
+        "range": _with_margin(low, high),
+        "dtick": "D2" if high - low < _FEW_DECADES else 1,
+        "exponentformat": "power",
+        "tickfont": {"size": 11},
+        "minor": {"ticks": "outside", "ticklen": 3, "showgrid": False},
+    }
+
+
+def score_axis_layout(curve: OptionCurve, points: PointSet) -> dict[str, Any]:
+    """Return the settings of the left axis; where there is ground truth it lies above the right one."""
+    values = [point.value for point in curve.points]
+    above = {"overlaying": "y2"} if points.has_ground_truth else {}
+    return {**theme.axis(**_scale(values)), **_coloured(points.unit.label, theme.GTF_DARK), **above}
+
+
+def truth_axis_layout(curve: OptionCurve, points: PointSet) -> dict[str, Any]:
+    """Return the settings of the right axis."""
+    values = [point.ground_truth for point in curve.points if math.isfinite(point.ground_truth)]
+    settings = {**theme.axis(**_scale(values)), **_coloured(points.truth_label, theme.GROUND_TRUTH)}
+    return {**settings, "side": "right", "showgrid": False}
+
+
+def rim_axis_layout(points: PointSet) -> dict[str, Any]:
+    """Return the settings of an invisible axis from 0 to 1, for marks that claim no value."""
+    base = "y2" if points.has_ground_truth else "y"
+    return {"overlaying": base, "range": [0, 1], "visible": False, "fixedrange": True}
+
+
+def _with_margin(low: float, high: float) -> list[float]:
+    margin = _MARGIN_SHARE * (high - low or 1.0)
+    return [low - margin, high + margin]
+
+
+def _coloured(title: str, colour: str) -> dict[str, Any]:
+    font = {"color": colour, "size": 13}
+    return {"title": {"text": title, "standoff": 8, "font": font}, "tickfont": {"color": colour}}
+
+
+def _scale(values: list[float]) -> dict[str, Any]:
+    far = bool(values) and min(values) > 0 and max(values) / min(values) > _LOG_FROM_RATIO
+    # Plotly would otherwise place the ticks of one axis to suit those of the other, at crooked numbers.
+    return {"type": "log", "tickmode": "linear", "dtick": 1} if far else {"tickmode": "auto"}

@@ -1,0 +1,191 @@
+"""Draw the paper's figure: the score over one option, ground truth beside it."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import plotly.graph_objects as go
+
+from gtf_tune.report.figures import theme
+from gtf_tune.report.figures.hover import trial_text
+from gtf_tune.report.figures.option_axes import (
+    option_axis_layout,
+    rim_axis_layout,
+    score_axis_layout,
+    truth_axis_layout,
+)
+from gtf_tune.report.numbers import significant, value_text
+from gtf_tune.report.tables.options import OptionCurve
+from gtf_tune.report.tables.points import PointSet, TrialPoint
+
+_LINE_PX = 2.5
+_RIM = 0.975
+_MANY = 80
+_GOLDEN = 0.618034
+_SPREAD = 0.16
+_BESIDE = 0.12
+
+
+def option_figure(curve: OptionCurve, points: PointSet) -> go.Figure:
+    """Return the figure of one option: score with interval in pink, ground truth in green, nominal in blue."""
+    drawn = theme.figure(
+        height=430,
+        margin={"l": 60, "r": 75, "t": 20, "b": 120},
+        legend={"y": -0.3, "yanchor": "top", "traceorder": "normal"},
+        xaxis=option_axis_layout(curve.axis),
+        yaxis=score_axis_layout(curve, points),
+    )
+    canvas = _Canvas(drawn, curve, points)
+    if points.has_ground_truth:
+        drawn.update_layout(yaxis2=truth_axis_layout(curve, points))
+        canvas.add_ground_truth()
+    canvas.add_interval()
+    canvas.add_scores()
+    canvas.add_stopped()
+    canvas.add_nominal()
+    canvas.add_minima()
+    canvas.add_outside()
+    return drawn
+
+
+@dataclass(frozen=True, eq=False)
+class _Canvas:
+    drawn: go.Figure
+    curve: OptionCurve
+    points: PointSet
+
+    @property
+    def has_categories(self) -> bool:
+        return self.curve.axis.scale == "categories"
+
+    @property
+    def is_crowded(self) -> bool:
+        return len(self.curve.points) > _MANY
+
+    def add_ground_truth(self) -> None:
+        self._add_line(_truth, theme.GROUND_TRUTH, "y2")
+        size, opacity = 4 if self.is_crowded else 7, 1.0 if self.curve.is_alone else 0.5
+        marker = {"color": theme.GROUND_TRUTH, "symbol": "diamond", "size": size, "opacity": opacity}
+        self._add_marks(self._beside(_BESIDE), _truth, "y2", name="true ATE", marker=marker)
+
+    def add_interval(self) -> None:
+        """Add a band where neighbours may be connected, and else nothing: single intervals are error bars."""
+        if not self.curve.is_alone or self.has_categories:
+            return
+        band = {"x": list(self.curve.places), "line": {"width": 0}, "hoverinfo": "skip", "mode": "lines"}
+        self.drawn.add_scatter(**band, y=[_high(point) for point in self.curve.points], showlegend=False)
+        low = [_low(point) for point in self.curve.points]
+        self.drawn.add_scatter(**band, y=low, fill="tonexty", fillcolor=theme.GTF_BAND, name="95 % interval")
+
+    def add_scores(self) -> None:
+        self._add_line(_score, theme.GTF, "y")
+        bars = None
+        if not self.is_crowded and (self.has_categories or not self.curve.is_alone):
+            up = [_high(point) - point.value for point in self.curve.points]
+            down = [point.value - _low(point) for point in self.curve.points]
+            bars = {"array": up, "arrayminus": down, "color": theme.GTF, "thickness": 0.8, "width": 0}
+        marker = {"color": theme.GTF, "size": 6 if self.is_crowded else 8, "line": {"color": "white", "width": 1}}
+        places, name = self._beside(-_BESIDE), self.points.unit.name
+        self._add_marks(places, _score, "y", name=name, marker=marker, error_y=bars)
+
+    def add_stopped(self) -> None:
+        marker = {"color": theme.REPROJECTION, "size": 9, "symbol": "triangle-down"}
+        self._add_trials(self.curve.stopped, _score, name="stopped early", marker=marker)
+
+    def add_nominal(self) -> None:
+        index = self.curve.nominal
+        if index is None:
+            return
+        place, point = self.curve.places[index], self.curve.points[index]
+        self.drawn.add_vline(x=place, line={"color": theme.NOMINAL, "width": 1.5, "dash": "dash"})
+        marker = {"color": theme.NOMINAL, "size": 11, "line": {"color": "white", "width": 1.5}}
+        self._add_trials([(place, point)], _score, name=f"nominal: {self._value_at(index)}", marker=marker)
+
+    def add_minima(self) -> None:
+        least = f"least {self.points.unit.name}"
+        # Above the other and smaller, because often both minima are the same trial.
+        self._add_star(self.curve.best, _score, "y", least, {"color": theme.GTF, "size": 13})
+        if self.points.has_ground_truth:
+            style = {"color": theme.GROUND_TRUTH, "size": 22}
+            self._add_star(self.curve.best_ground_truth, _truth, "y2", "least true ATE", style)
+
+    def add_outside(self) -> None:
+        """Mark trials without a score at the upper rim, where no value is claimed for them."""
+        if self.curve.outside:
+            self.drawn.update_layout(yaxis3=rim_axis_layout(self.points))
+            line = {"color": theme.WRONG, "width": 2}
+            marker = {"color": theme.WRONG, "size": 9, "symbol": "x-thin", "line": line}
+            self._add_trials(self.curve.outside, lambda _: _RIM, "y3", name="no value", marker=marker)
+
+    def _add_line(self, number: Callable[[TrialPoint], float], colour: str, axis: str) -> None:
+        if self.curve.line and not self.has_categories:
+            self.drawn.add_scatter(
+                x=[self.curve.places[index] for index in self.curve.line],
+                y=[number(self.curve.points[index]) for index in self.curve.line],
+                yaxis=axis,
+                mode="lines",
+                line={"color": colour, "width": _LINE_PX},
+                hoverinfo="skip",
+                showlegend=False,
+            )
+
+    def _add_star(
+        self, index: int | None, number: Callable[[TrialPoint], float], axis: str, name: str, style: dict[str, Any]
+    ) -> None:
+        if index is not None:
+            marker = {**style, "symbol": "star", "line": {"color": theme.INK, "width": 1}}
+            found = [(self.curve.places[index], self.curve.points[index])]
+            self._add_trials(found, number, axis, name=f"{name}: {self._value_at(index)}", marker=marker)
+
+    def _add_marks(
+        self, places: Sequence[float], number: Callable[[TrialPoint], float], axis: str, **style: Any
+    ) -> None:
+        self._add_trials(list(zip(places, self.curve.points, strict=True)), number, axis, **style)
+
+    def _add_trials(
+        self,
+        placed: Sequence[tuple[float, TrialPoint]],
+        number: Callable[[TrialPoint], float],
+        axis: str = "y",
+        **style: Any,
+    ) -> None:
+        if placed:
+            self.drawn.add_scatter(
+                x=[place for place, _ in placed],
+                y=[number(point) for _, point in placed],
+                yaxis=axis,
+                mode="markers",
+                hovertext=[trial_text(point, self.points) for _, point in placed],
+                hoverinfo="text",
+                **style,
+            )
+
+    def _beside(self, offset: float) -> list[float]:
+        """Return the places of the points; those of a category spread beside it, the same way every time."""
+        if not self.has_categories:
+            return list(self.curve.places)
+        return [
+            place + offset + _SPREAD * (point.ordinal * _GOLDEN % 1 - 0.5)
+            for place, point in zip(self.curve.places, self.curve.points, strict=True)
+        ]
+
+    def _value_at(self, index: int) -> str:
+        value = self.curve.points[index].options[self.curve.axis.option]
+        return significant(value) if isinstance(value, float) else value_text(value)
+
+
+def _score(point: TrialPoint) -> float:
+    return point.value
+
+
+def _truth(point: TrialPoint) -> float:
+    return point.ground_truth
+
+
+def _low(point: TrialPoint) -> float:
+    return point.value if math.isnan(point.low) else point.low
+
+
+def _high(point: TrialPoint) -> float:
+    return point.value if math.isnan(point.high) else point.high

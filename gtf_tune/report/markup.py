@@ -1,0 +1,80 @@
+"""Write HTML in which every text is escaped; only this module puts tags together."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import NewType
+
+Html = NewType("Html", str)
+
+
+def text(value: object) -> Html:
+    """Return a text as HTML, every special character escaped."""
+    return Html(escape(str(value)))
+
+
+def element(tag: str, *children: Html, **attributes: str) -> Html:
+    """Return an element; the attribute ``class_`` is written ``class``, and underscores inside names as hyphens."""
+    named = "".join(f' {name.rstrip("_").replace("_", "-")}="{escape(value)}"' for name, value in attributes.items())
+    return Html(f"<{tag}{named}>{''.join(children)}</{tag}>")
+
+
+def joined(parts: Iterable[Html]) -> Html:
+    """Return the parts one after the other."""
+    return Html("\n".join(parts))
+
+
+def paragraph(words: object, class_: str = "") -> Html:
+    """Return a paragraph of plain text."""
+    return element("p", text(words), **({"class_": class_} if class_ else {}))
+
+
+def missing(sentence: str) -> Html:
+    """Return the sentence that stands where there is nothing to show."""
+    return paragraph(sentence, "missing")
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> Html:
+    """Return a table; columns whose name starts with '>' are aligned to the right; cells are plain texts or `cell`."""
+    right = [name.startswith(">") for name in columns]
+    head = [_cell("th", text(name.removeprefix(">")), right[index]) for index, name in enumerate(columns)]
+    body = [
+        element("tr", *(_cell("td", _content(value), right[index]) for index, value in enumerate(row))) for row in rows
+    ]
+    inner = element("table", element("thead", element("tr", *head)), element("tbody", *body))
+    return element("div", inner, class_="table")
+
+
+class Marked(str):
+    """Mark a table cell that is HTML already."""
+
+    __slots__ = ()
+
+
+def cell(markup: Html) -> Marked:
+    """Return a table cell that is HTML already."""
+    return Marked(markup)
+
+
+def code(words: str) -> Html:
+    """Return a short piece of code in a line."""
+    return element("code", text(words))
+
+
+def snippet(label: str, words: str) -> Html:
+    """Return a block of code under its label, with a button that copies it."""
+    button = element("button", text("copy"), type="button", class_="copy")
+    head = element("figcaption", text(label), button)
+    return element("figure", head, element("pre", element("code", text(words))), class_="snippet")
+
+
+def folded(summary: str, *content: Html) -> Html:
+    """Return content that opens on a click."""
+    return element("details", element("summary", text(summary)), *content)
+
+
+def _content(value: object) -> Html:
+    return Html(value) if isinstance(value, Marked) else text(value)
+
+
+def _cell(tag: str, content: Html, is_right: bool) -> Html:
+    return element(tag, content, **({"class_": "number"} if is_right else {}))

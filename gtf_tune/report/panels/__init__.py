@@ -1,0 +1,1 @@
+"""Compose the panels of a report from tables, figures and sentences."""

@@ -1,0 +1,161 @@
+"""Say what to do, how sure that is, and what it cost."""
+
+import math
+from collections.abc import Sequence
+
+from gtf_tune.report import markup
+from gtf_tune.report.markup import Html
+from gtf_tune.report.numbers import count, duration, percent, share, significant, value_text
+from gtf_tune.report.panels.blocks import Block, ReportInput
+from gtf_tune.report.study_data import StudyData
+from gtf_tune.report.tables.costs import StudyCost, study_cost
+from gtf_tune.report.tables.points import study_points
+from gtf_tune.report.tables.verdict import Candidate, Verdict, study_verdict
+
+
+def verdict_panel(report: ReportInput) -> list[Block]:
+    """Return the verdict with its options, its figures of merit, its cost and the snippets to copy."""
+    data = report.data
+    verdict = study_verdict(data)
+    headline = markup.element("h3", markup.text(verdict_headline(verdict)))
+    sentences = [markup.paragraph(sentence) for sentence in verdict_sentences(data, verdict)]
+    blocks: list[Html] = [markup.element("div", headline, *sentences, class_=f"verdict {verdict.kind}")]
+    blocks.append(_key_numbers(data, verdict, study_cost(data)))
+    if verdict.changes:
+        blocks.append(_changes(verdict))
+    if verdict.candidates:
+        blocks.append(_candidates(verdict.candidates))
+    blocks.extend(markup.snippet(label, words) for label, words in report.snippets.items())
+    return [*blocks]
+
+
+def verdict_headline(verdict: Verdict) -> str:
+    """Return the verdict in a few words."""
+    if verdict.kind == "adopt":
+        return f"Adopt the options of trial {verdict.ordinal}"
+    if verdict.kind == "keep":
+        return "Keep the nominal options"
+    if verdict.kind == "unconfirmed":
+        return f"Trial {verdict.ordinal} is the best so far; not confirmed yet"
+    return "No verdict yet" if verdict.ordinal is None else "Keep the nominal options so far"
+
+
+def verdict_sentences(data: StudyData, verdict: Verdict) -> list[str]:
+    """Return what a reader must know beside the headline, one fact a sentence."""
+    found = [_main_sentence(data, verdict)]
+    if math.isfinite(verdict.ground_truth) and verdict.ordinal:
+        found.append(
+            f"Against ground truth, which the search never saw, its error is {_better_or_worse(verdict.ground_truth)}."
+        )
+    if verdict.collapsed > 0:
+        found.append(
+            f"{share(verdict.collapsed)} of its noisy runs collapsed: its reconstructions are fragile under noise."
+        )
+    if verdict.at_an_edge:
+        found.append(
+            f"The best value of {', '.join(verdict.at_an_edge)} lies at an end of its range; a wider range may hold a "
+            "better one."
+        )
+    return found
+
+
+def _main_sentence(data: StudyData, verdict: Verdict) -> str:
+    name, better, sure = study_points(data).unit.name, _better_or_worse(verdict.improvement.value), _interval(verdict)
+    if verdict.kind == "adopt":
+        return f"With fresh seeds its {name} is {better} than that of the nominal options{sure}."
+    if verdict.kind == "keep":
+        return f"With fresh seeds none of {count(len(verdict.candidates), 'candidate')} can be said to beat nominal."
+    if verdict.kind == "unconfirmed":
+        doubt = "" if verdict.is_distinct else " The interval does not exclude that they are equal."
+        return (
+            f"Its {name} is {_better_or_worse(1 - verdict.ratio)} than nominal; noise instance by noise instance it is "
+            f"{better}{sure}.{doubt} These are the runs that made it the best of {count(len(data.feasible), 'trial')}, "
+            f"which flatters it: confirm it with fresh seeds by gtf-tune study confirm {data.study.name}"
+        )
+    if verdict.ordinal is None:
+        return f"None of {count(len(data.trials), 'trial')} is feasible and complete so far."
+    return f"None of {count(len(data.feasible) - 1, 'other feasible trial')} has a smaller {name} than nominal."
+
+
+def _better_or_worse(improvement: float) -> str:
+    if not math.isfinite(improvement):
+        return "different by an unknown amount"
+    return f"{100 * abs(improvement):.1f} % {'smaller' if improvement >= 0 else 'larger'}"
+
+
+def _interval(verdict: Verdict) -> str:
+    low, high = verdict.improvement.low, verdict.improvement.high
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return ""
+    return f" (95 % interval of the improvement {100 * low:.1f} to {100 * high:.1f} %)"
+
+
+def _key_numbers(data: StudyData, verdict: Verdict, cost: StudyCost) -> Html:
+    points = {point.ordinal: point for point in study_points(data).points}
+    unit = study_points(data).unit
+    facts: list[tuple[str, str, str]] = []
+    if 0 in points and points[0].is_scored:
+        facts.append((f"nominal {unit.name}", significant(points[0].value), unit.symbol))
+    if verdict.ordinal and points[verdict.ordinal].is_scored:
+        facts.append(
+            (f"trial {verdict.ordinal}'s {unit.name}", significant(points[verdict.ordinal].value), unit.symbol)
+        )
+        low, high = verdict.improvement.low, verdict.improvement.high
+        sure = f"95 %: {100 * low:.1f} to {100 * high:.1f} %" if math.isfinite(low) else "against nominal"
+        facts.append(("improvement", percent(verdict.improvement.value), sure))
+    if verdict.ordinal and math.isfinite(verdict.ground_truth):
+        facts.append(("against ground truth", percent(verdict.ground_truth), "side metric"))
+    facts.append(("trials", str(len(data.trials)), _states(data)))
+    facts.append(("runs", str(cost.made), f"{cost.reused} more reused, {cost.failed} failed"))
+    facts.append(("computing time", duration(cost.compute_s), f"{duration(cost.elapsed_s)} elapsed"))
+    return markup.element("div", *(_fact(*fact) for fact in facts), class_="facts")
+
+
+def _states(data: StudyData) -> str:
+    counts: dict[str, int] = {}
+    for point in study_points(data).points:
+        counts[point.state] = counts.get(point.state, 0) + 1
+    return ", ".join(f"{number} {state}" for state, number in counts.items())
+
+
+def _fact(name: str, value: str, note: str) -> Html:
+    parts = (("name", name), ("value", value), ("note", note))
+    return markup.element("div", *(markup.element("span", markup.text(word), class_=kind) for kind, word in parts))
+
+
+def _changes(verdict: Verdict) -> Html:
+    rows = [
+        (
+            markup.cell(markup.code(change.option)),
+            "-" if change.nominal is None else value_text(change.nominal),
+            markup.cell(markup.element("strong", markup.text(value_text(change.chosen))))
+            if change.chosen != change.nominal
+            else value_text(change.chosen),
+        )
+        for change in verdict.changes
+    ]
+    return markup.table(["option", ">nominal", f">trial {verdict.ordinal}"], rows)
+
+
+def _candidates(candidates: Sequence[Candidate]) -> Html:
+    sequences = list(candidates[0].by_sequence)
+    rows = [
+        (
+            one.ordinal,
+            percent(one.improvement.value),
+            _ends(one),
+            significant(one.p_value, 2),
+            *(percent(one.by_sequence[name].value) if name in one.by_sequence else "-" for name in sequences),
+            "adopt" if one.is_adopted else "keep nominal",
+            "; ".join(one.reasons) or "-",
+        )
+        for one in candidates
+    ]
+    head = [">candidate", ">improvement", ">95 % interval", ">p (Holm)", *(f">on {name}" for name in sequences)]
+    title = markup.element("h4", markup.text("Confirmation with fresh seeds"))
+    return markup.joined([title, markup.table([*head, "verdict", "against it"], rows)])
+
+
+def _ends(candidate: Candidate) -> str:
+    found = candidate.improvement
+    return f"{percent(found.low)} to {percent(found.high)}" if math.isfinite(found.low) else "-"

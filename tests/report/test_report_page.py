@@ -1,0 +1,131 @@
+import importlib.util
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from gtf_tune.errors import DefinitionError, StorageError
+from gtf_tune.report.build import build_report, build_sections, read_input, write_report
+from gtf_tune.report.definition import PanelDefinition, ReportDefinition, default_report_definition
+from gtf_tune.report.html import figure_id
+from gtf_tune.report.images import write_images
+from gtf_tune.report.panels.blocks import Drawing
+from gtf_tune.store.database import Database
+
+DEFINITION = default_report_definition()
+MEGABYTE = 10**6
+
+
+@pytest.fixture(scope="module")
+def page(database: Database) -> str:
+    """Return the report of ``synthetic`` without plotly.js."""
+    snippets = {"COLMAP flags": "colmap mapper --Mapper.max_reproj 0.002"}
+    full = build_report(database, "synthetic", DEFINITION, snippets)
+    assert 4 * MEGABYTE < len(full) < 7 * MEGABYTE
+    return re.sub(r"<script>.*?</script>", "", full, flags=re.DOTALL)
+
+
+def test_the_verdict_stands_on_top_with_what_it_cost_and_what_to_copy(page: str) -> None:
+    assert page.index("Trial 3 is the best so far; not confirmed yet") < page.index('id="options"')
+    assert "1 min 56 s" in page
+    assert "colmap mapper --Mapper.max_reproj 0.002" in page
+
+
+def test_every_panel_is_there_under_its_title(page: str) -> None:
+    for panel in DEFINITION.panels:
+        assert f'<section id="{panel.kind}"><h2>{panel.title}</h2>' in page
+
+
+def test_figures_are_data_in_the_page_and_need_no_network(page: str) -> None:
+    specs = re.findall(r'<script type="application/json" id="([^"]+)">(.*?)</script>', page, flags=re.DOTALL)
+
+    assert len(specs) >= 14
+    assert all({"data", "layout"} <= json.loads(spec).keys() for _, spec in specs)
+    assert "http://" not in page
+    assert "https://" not in page
+
+
+def test_what_programs_printed_is_shown_but_never_executed(page: str) -> None:
+    assert "F1123 Check failed: x &lt; 3 &lt;script&gt;alert(1)&lt;/script&gt;" in page
+    assert "<script>alert" not in page
+
+
+def test_failed_pruned_and_infeasible_trials_are_visible_as_such(page: str) -> None:
+    for state in ("feasible", "infeasible", "pruned", "failed"):
+        assert f'class="state {state}"' in page
+
+
+def test_a_confirmed_study_says_adopt_and_why(
+    own_database: Database, confirm_study: Callable[[Database, str], None]
+) -> None:
+    confirm_study(own_database, "adopt")
+
+    page = build_report(own_database, "synthetic", DEFINITION)
+
+    assert "Adopt the options of trial 3" in page
+    assert "31.0 % smaller than that of the nominal options (95 % interval of the improvement 22.0 to 39.0 %)" in page
+
+
+def test_a_study_without_trials_says_so_in_every_panel(database: Database) -> None:
+    sections = build_sections(read_input(database, "empty", DEFINITION))
+
+    assert not [block for section in sections for block in section.blocks if isinstance(block, Drawing)]
+    assert all(section.blocks for section in sections)
+
+
+def test_a_study_without_ground_truth_says_that_nothing_can_be_compared(database: Database) -> None:
+    page = build_report(database, "single", DEFINITION)
+
+    assert "The study has no ground truth" in page
+    assert "searches one option, so there is nothing to rank" in page
+    assert "Nothing failed" in page
+
+
+def test_several_sequences_have_figures_together_and_each(database: Database) -> None:
+    sections = build_sections(read_input(database, "two", DEFINITION))
+
+    titles = [block.title for section in sections for block in section.blocks if isinstance(block, Drawing)]
+    assert {f"filter.max_error ({scope})" for scope in ("all sequences", "walk", "room")} <= set(titles)
+    assert "room, best (trial 3): top view" in titles
+
+
+def test_names_of_figures_are_different_and_fit_for_files(database: Database) -> None:
+    sections = build_sections(read_input(database, "two", DEFINITION))
+
+    names = [figure_id(one.name) for section in sections for one in section.blocks if isinstance(one, Drawing)]
+    assert len(set(names)) == len(names)
+    assert all(re.fullmatch(r"[A-Za-z0-9._-]+", name) for name in names)
+
+
+def test_a_definition_chooses_the_panels(database: Database) -> None:
+    short = ReportDefinition(panels=(PanelDefinition(kind="trials", title="<All>"),))
+
+    page = build_report(database, "synthetic", short)
+
+    assert "<h2>&lt;All&gt;</h2>" in page
+    assert 'id="verdict"' not in page
+
+
+def test_trials_beyond_the_first_rows_are_folded_away(database: Database) -> None:
+    short = ReportDefinition(panels=(PanelDefinition(kind="trials", title="Trials"),), trial_rows=4)
+
+    assert "6 more trials" in build_report(database, "synthetic", short)
+
+
+def test_an_unknown_study_is_an_error(database: Database) -> None:
+    with pytest.raises(StorageError, match="there is no study 'synthetik'"):
+        build_report(database, "synthetik", DEFINITION)
+
+
+def test_a_report_that_cannot_be_written_is_an_error(database: Database, tmp_path: Path) -> None:
+    with pytest.raises(DefinitionError, match="give another file with -o"):
+        write_report(tmp_path / "missing" / "report.html", database, "empty", DEFINITION)
+
+
+def test_images_without_kaleido_name_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+
+    with pytest.raises(DefinitionError, match=re.escape("pip install 'gtf-tune[png]'")):
+        write_images(tmp_path, [])
