@@ -1,0 +1,1 @@
+"""Fill optuna-dashboard with what a study found, and serve it."""

@@ -1,0 +1,127 @@
+"""Write the notes of studies and trials that optuna-dashboard shows."""
+
+import math
+
+from gtf_tune.definition import RangeAxis
+from gtf_tune.report.dashboard.markdown import inline_code, plain, table
+from gtf_tune.report.numbers import UNKNOWN, count, interval, percent, share, significant, value_text
+from gtf_tune.report.panels.verdict import verdict_headline, verdict_sentences
+from gtf_tune.report.study_data import StudyData
+from gtf_tune.report.tables.failures import run_failures
+from gtf_tune.report.tables.points import PointSet, TrialPoint, study_points
+from gtf_tune.report.tables.verdict import study_verdict
+
+KEPT_BELOW = "*gtf-tune keeps everything above this line up to date; what you write below it is kept.*"
+
+_LONGEST_REASON = 300
+
+
+def study_note(data: StudyData, before: str = "") -> str:
+    """Return the note of a study; what a user wrote below the line of the note ``before`` stays."""
+    verdict = study_verdict(data)
+    sentences = [f"- {plain(sentence)}" for sentence in verdict_sentences(data, verdict)]
+    parts = [
+        f"# {plain(verdict_headline(verdict))}",
+        "\n".join(sentences),
+        "## What is tuned",
+        f"Pipeline {inline_code(data.definition.pipeline.name)}, {count(len(data.trials), 'trial')} so far.",
+        _option_table(data, {change.option: change.chosen for change in verdict.changes}),
+        "## On what",
+        _sequence_table(data),
+        "## How to read it",
+        _reading(data),
+        "---",
+        KEPT_BELOW,
+    ]
+    kept = before.partition(KEPT_BELOW)[2] if KEPT_BELOW in before else f"\n\n{before}" if before.strip() else ""
+    return "\n\n".join(part for part in parts if part) + kept
+
+
+def trial_note(data: StudyData, ordinal: int) -> str:
+    """Return the note of one trial: its score, its options beside nominal, what failed."""
+    points = study_points(data)
+    point = next(point for point in points.points if point.ordinal == ordinal)
+    parts = [_score_line(point, points), _changes(data, point)]
+    if point.message:
+        parts.append(f"**{plain(point.state)}**: {inline_code(point.message[:_LONGEST_REASON])}")
+    failures = [one for one in run_failures(data) if ordinal in one.ordinals]
+    if failures:
+        rows = [(str(one.runs), inline_code(one.reason[:_LONGEST_REASON])) for one in failures]
+        parts += ["**Failed runs**", table([">runs", "reason"], rows)]
+    return "\n\n".join(parts)
+
+
+def _score_line(point: TrialPoint, points: PointSet) -> str:
+    name = "nominal options" if point.ordinal == 0 else f"trial {point.ordinal}"
+    facts = [f"**{name}**"]
+    if math.isfinite(point.value):
+        facts.append(f"{points.unit.name} **{significant(point.value)}** {points.unit.symbol}")
+    if math.isfinite(point.low):
+        facts.append(f"95 % interval {interval(point.low, point.high)}")
+    nominal = points.nominal
+    if nominal is not None and nominal.value and point.ordinal and math.isfinite(point.value):
+        facts.append(f"improvement on nominal {percent(1 - point.value / nominal.value)}")
+    if math.isfinite(point.ground_truth):
+        facts.append(f"ground-truth ATE {significant(point.ground_truth, 4)}")
+    facts.append(f"coverage {share(point.coverage)}")
+    if point.collapsed > 0:
+        facts.append(f"{share(point.collapsed)} of the noisy runs collapsed")
+    return ", ".join(facts)
+
+
+def _changes(data: StudyData, point: TrialPoint) -> str:
+    nominal = next((trial.options or {} for trial in data.trials if trial.ordinal == 0), {})
+    rows = []
+    for option, value in point.options.items():
+        shown = inline_code(value_text(value))
+        before = inline_code(value_text(nominal[option])) if option in nominal else UNKNOWN
+        rows.append((inline_code(option), before, f"**{shown}**" if shown != before else shown))
+    return table(["option", ">nominal", ">this trial"], rows)
+
+
+def _option_table(data: StudyData, chosen: dict[str, bool | int | float | str]) -> str:
+    nominal = next((trial.options or {} for trial in data.trials if trial.ordinal == 0), {})
+    rows = []
+    for option, axis in data.definition.space.items():
+        if isinstance(axis, RangeAxis):
+            searched = f"{value_text(axis.low)} to {value_text(axis.high)}{', log' if axis.log else ''}"
+        else:
+            searched = ", ".join(value_text(value) for value in axis.values)
+        cells = [inline_code(value_text(where[option])) if option in where else UNKNOWN for where in (nominal, chosen)]
+        rows.append((inline_code(option), plain(searched), *cells))
+    return table(["option", "searched", ">nominal", ">best so far"], rows)
+
+
+def _sequence_table(data: StudyData) -> str:
+    rows = [
+        (
+            inline_code(one.name),
+            str(one.num_frames),
+            f"{one.width} x {one.height}",
+            "yes, never seen by the search" if one.has_ground_truth else "no",
+        )
+        for one in data.sequences
+    ]
+    return table(["sequence", ">frames", ">size in px", "ground truth"], rows)
+
+
+def _reading(data: StudyData) -> str:
+    gtf, unit = data.definition.gtf, study_points(data).unit
+    return "\n".join(
+        [
+            f"- The **value** is the {unit.name}: how far trajectories move when Gaussian noise is added to the images "
+            f"({gtf.clean_runs} clean runs against {gtf.noisy_runs_min} or more noisy ones). Smaller is better. It is "
+            f"stored as a {_stored_unit(data)}.",
+            "- **Intermediate values** are the same number, one noise instance after the other.",
+            "- **Trial 0** is the nominal setting, and what every improvement is measured against.",
+            "- A trial with a value of 1 or more is **infeasible**: a run failed or registered too few frames; the "
+            "value is a penalty that keeps samplers away. Switch *Log y scale* on, or look at the figures instead.",
+            "- `gt_ate` is the error against **ground truth** where there is one. No part of the search reads it.",
+        ]
+    )
+
+
+def _stored_unit(data: StudyData) -> str:
+    if data.has_several_sequences:
+        return "ratio to nominal, the geometric mean over the sequences"
+    return "fraction of the trajectory's extent" if study_points(data).unit.factor != 1 else "number in its own unit"

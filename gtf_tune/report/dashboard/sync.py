@@ -1,0 +1,200 @@
+"""Keep optuna-dashboard's content of a study up to date while it runs, cheaply and without ever failing it."""
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import optuna
+
+from gtf_tune.pipelines import OptionValue
+from gtf_tune.report.dashboard import attachments, notes
+from gtf_tune.report.dashboard.attachments import Attachment
+from gtf_tune.report.dashboard.figures import key_figures
+from gtf_tune.report.dashboard.place import artifact_folder, artifact_store, turn_to_write
+from gtf_tune.report.dashboard.writer import DashboardWriter
+from gtf_tune.report.panels.verdict import verdict_headline
+from gtf_tune.report.setting_runs import read_setting
+from gtf_tune.report.study_data import StudyData, read_search, read_trials
+from gtf_tune.report.tables.costs import runs_made
+from gtf_tune.report.tables.verdict import study_verdict
+from gtf_tune.report.units import study_unit
+from gtf_tune.store import runs, studies
+from gtf_tune.store.database import Database
+from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.runs import StoredRun
+from gtf_tune.study.evaluation import RunSlot
+from gtf_tune.study.events import TrialEnd
+
+Exporter = Callable[[Mapping[str, OptionValue]], Mapping[str, str]]
+"""Turn the options of a setting into files, content by name, such as a COLMAP project file."""
+
+REFRESH_S = 60.0
+"""Seconds between two refreshes of figures while a study runs."""
+
+_SHARE = 0.02
+_PATIENCE_S = 30.0
+_CATCH_UP_S = 20.0
+
+
+class DashboardSync:
+    """Hear of a study as a `StudyListener`, and bring notes, figures and files up to date.
+
+    A trial gets its note and its files as it ends. The study's note and its figures follow at most every ``refresh_s``
+    seconds, take at most a fiftieth of the time, and are written by one worker at a time. Nothing that goes wrong here
+    reaches the study: ``warn`` hears of the first fault, and no more.
+
+    Parameters
+    ----------
+    artifacts
+        Folder of the files; by default beside a SQLite file, and none on a server.
+    export
+        What to attach for the best setting.
+    """
+
+    def __init__(
+        self,
+        database: Database,
+        study_name: str,
+        *,
+        artifacts: Path | None = None,
+        export: Exporter = lambda _: {},
+        warn: Callable[[str], None] = lambda _: None,
+        refresh_s: float = REFRESH_S,
+    ) -> None:
+        self._database = database
+        self._name = study_name
+        self._artifacts = artifacts
+        self._export = export
+        self._warn = warn
+        self._refresh_s = refresh_s
+        self._next_refresh_at = 0.0
+        self._has_warned = False
+        self._refreshing = threading.Lock()
+        self._writer: DashboardWriter | None = None
+
+    def study_started(self) -> None:
+        """Write what is known before the first trial of this worker ends."""
+        self._guarded(lambda: self._refresh(0.0))
+
+    def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
+        """Do nothing."""
+
+    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
+        """Do nothing."""
+
+    def trial_finished(self, end: TrialEnd) -> None:
+        """Write the note and the files of a trial, and refresh the study's own if that is due."""
+        self._guarded(lambda: self.write_trial(end.ordinal))
+        if time.monotonic() >= self._next_refresh_at:
+            self._guarded(lambda: self._refresh(0.0))
+
+    def study_finished(self) -> None:
+        """Write everything as it stands now, also what workers that died left out."""
+        self._guarded(lambda: self._catch_up(time.monotonic() + _CATCH_UP_S))
+        self._guarded(lambda: self._refresh(_PATIENCE_S))
+
+    def write_trial(self, ordinal: int) -> None:
+        """Write the note and the files of one trial.
+
+        Raises
+        ------
+        StorageError
+            There is no such trial, or the database does not answer.
+        """
+        data = read_trials(self._database, self._name, [0, ordinal])
+        trial = next(one for one in data.trials if one.ordinal == ordinal)
+        if trial.optuna_trial_id is None:
+            return
+        writer = self._opened()
+        for attachment in self._trial_files(data, ordinal) if writer.artifacts is not None else ():
+            writer.write_trial_file(trial.optuna_trial_id, attachment)
+        writer.write_trial_note(trial.optuna_trial_id, notes.trial_note(data, ordinal))
+
+    def write_study(self) -> None:
+        """Write the note, the figures and the files of the study itself; only with the turn to do so.
+
+        Raises
+        ------
+        StorageError
+            There is no such study, or the database does not answer.
+        """
+        data, writer = read_search(self._database, self._name), self._opened()
+        writer.write_headline(_metric_name(data), _facts(data))
+        writer.write_study_note(notes.study_note(data, writer.study_note()))
+        for drawing in key_figures(data):
+            writer.write_figure(drawing)
+        for attachment in self._study_files(data):
+            writer.write_study_file(attachment)
+
+    def _refresh(self, patience_s: float) -> None:
+        if not self._refreshing.acquire(blocking=patience_s > 0):
+            return
+        started = time.monotonic()
+        try:
+            study_id = studies.get(self._database, self._name).id
+            with turn_to_write(self._database, study_id, patience_s) as mine:
+                if mine:
+                    self.write_study()
+        finally:
+            ended = time.monotonic()
+            self._next_refresh_at = ended + max(self._refresh_s, (ended - started) / _SHARE)
+            self._refreshing.release()
+
+    def _catch_up(self, give_up_at: float) -> None:
+        """Write the trials that have no note, as long as there is time."""
+        noted = self._opened().noted_trials()
+        for trial in read_search(self._database, self._name).trials:
+            if trial.state != "claimed" and trial.optuna_trial_id not in noted and time.monotonic() < give_up_at:
+                self.write_trial(trial.ordinal)
+
+    def _trial_files(self, data: StudyData, ordinal: int) -> list[Attachment]:
+        own = [one for one in runs_made(data.runs) if one.ordinal == ordinal and one.run.status == "failed"]
+        named = [
+            (f"{one.sequence_name}, {one.run.kind} run {one.run.index}: {one.run.error}", one.run.key) for one in own
+        ]
+        settings = read_setting(self._database, data, f"trial {ordinal}", ordinal)
+        images = [attachments.trajectory_image(one, name) for name, one in settings.items()]
+        log = attachments.failure_log((name, runs.log(self._database, key)) for name, key in named)
+        return [one for one in (attachments.matrix_table(data, ordinal), *images, log) if one is not None]
+
+    def _study_files(self, data: StudyData) -> list[Attachment]:
+        chosen = {change.option: change.chosen for change in study_verdict(data).changes}
+        exported = self._export(chosen) if chosen else {}
+        files = [Attachment(name, "text/plain", content.encode()) for name, content in exported.items()]
+        return [attachments.trial_table(data), *files]
+
+    def _opened(self) -> DashboardWriter:
+        if self._writer is None:
+            study = optuna.load_study(
+                study_name=self._name,
+                storage=optuna_storage(self._database),
+                sampler=optuna.samplers.RandomSampler(seed=0),
+                pruner=optuna.pruners.NopPruner(),
+            )
+            folder = artifact_folder(self._database, self._artifacts)
+            self._writer = DashboardWriter(study, artifact_store(folder))
+        return self._writer
+
+    def _guarded(self, work: Callable[[], None]) -> None:
+        try:
+            work()
+        except Exception as error:  # the study matters more than its display, whatever is wrong with that
+            if not self._has_warned:
+                self._has_warned = True
+                self._warn(f"optuna-dashboard could not be brought up to date, the study goes on ({error})")
+
+
+def _facts(data: StudyData) -> dict[str, str]:
+    return {
+        "pipeline": data.definition.pipeline.name,
+        "sequences": ", ".join(one.name for one in data.sequences),
+        "verdict": verdict_headline(study_verdict(data)),
+    }
+
+
+def _metric_name(data: StudyData) -> str:
+    unit = study_unit(data)
+    if data.has_several_sequences:
+        return f"{unit.name} / nominal"
+    return f"{unit.name} / extent" if unit.factor != 1 else unit.label

@@ -1,0 +1,115 @@
+"""Write notes, figures and files into the places where optuna-dashboard finds them."""
+
+import io
+import json
+import uuid
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from html import escape
+from typing import Any
+
+import optuna
+import optuna_dashboard
+from optuna.artifacts import FileSystemArtifactStore
+from optuna.exceptions import ExperimentalWarning
+from optuna.storages import BaseStorage
+
+from gtf_tune.report.dashboard.attachments import Attachment
+from gtf_tune.report.figures import theme
+from gtf_tune.report.html import figure_id
+from gtf_tune.report.panels.blocks import Drawing
+
+_NAMESPACE = uuid.UUID("9f0c7a52-3d0b-5c1e-8e43-6a1d6f4f2b77")
+_MOST_HOVERED = 300
+_DIGITS = 6
+
+
+@dataclass(frozen=True)
+class DashboardWriter:
+    """Write the dashboard's content of one Optuna study; writing the same thing twice changes nothing."""
+
+    study: optuna.Study
+    artifacts: FileSystemArtifactStore | None = field(repr=False)
+
+    @property
+    def storage(self) -> BaseStorage:
+        """Return Optuna's storage."""
+        return self.study._storage
+
+    @property
+    def study_id(self) -> int:
+        """Return the database id of the Optuna study."""
+        return self.study._study_id
+
+    def write_headline(self, metric: str, facts: Mapping[str, str]) -> None:
+        """Name the metric, and set short facts that the list of studies shows."""
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ExperimentalWarning)
+            self.study.set_metric_names([metric])
+        for name, value in facts.items():
+            self.study.set_user_attr(name, value)
+
+    def write_study_note(self, body: str) -> None:
+        """Replace the note of the study."""
+        optuna_dashboard.save_note(self.study, body)
+
+    def study_note(self) -> str:
+        """Return the note of the study as it stands."""
+        body: str = optuna_dashboard.get_note(self.study)
+        return body
+
+    def write_trial_note(self, trial_id: int, body: str) -> None:
+        """Replace the note of a trial."""
+        optuna_dashboard.save_note(_TrialHandle(self.study, self.storage, trial_id), body)
+
+    def noted_trials(self) -> set[int]:
+        """Return the ids of the trials that have a note."""
+        # optuna-dashboard numbers the versions of a note under this name.
+        parts = (key.split(":") for key in self.storage.get_study_system_attrs(self.study_id))
+        return {int(one[1]) for one in parts if len(one) == 3 and one[0] == "dashboard" and one[2] == "note_ver"}
+
+    def write_figure(self, drawing: Drawing) -> None:
+        """Replace the figure of this name."""
+        figure = small(theme.titled(drawing.figure, escape(drawing.title or drawing.name.capitalize())))
+        optuna_dashboard.save_plotly_graph_object(self.study, figure, graph_object_id=f"gtf-{figure_id(drawing.name)}")
+
+    def write_study_file(self, attachment: Attachment) -> None:
+        """Replace the file of this name of the study."""
+        self._write_file(attachment, "study", "artifacts:")
+
+    def write_trial_file(self, trial_id: int, attachment: Attachment) -> None:
+        """Replace the file of this name of a trial.
+
+        Its record is kept with the study, where optuna-dashboard looks too: Optuna lets nobody change a finished trial.
+        """
+        self._write_file(attachment, str(trial_id), f"dashboard:artifacts:{trial_id}:")
+
+    def _write_file(self, attachment: Attachment, owner: str, prefix: str) -> None:
+        if self.artifacts is None:
+            return
+        # The same file always has the same id, so that whoever writes it again replaces it.
+        identity = str(uuid.uuid5(_NAMESPACE, f"{self.study.study_name}/{self.study_id}/{owner}/{attachment.name}"))
+        self.artifacts.write(identity, io.BytesIO(attachment.content))
+        record = {"artifact_id": identity, "filename": attachment.name, "mimetype": attachment.media_type}
+        self.storage.set_study_system_attr(self.study_id, prefix + identity, json.dumps({**record, "encoding": None}))
+
+
+@dataclass(frozen=True)
+class _TrialHandle:
+    """Name a trial to `optuna_dashboard.save_note` as an `optuna.Trial` would, whose making involves the sampler."""
+
+    study: optuna.Study
+    storage: BaseStorage
+    _trial_id: int
+
+
+def small(figure: Any) -> Any:
+    """Return a figure that takes little room in the database: six digits, and hover texts only where points are few."""
+    for trace in figure.data:
+        if trace.hovertext is not None and len(trace.x if trace.x is not None else ()) > _MOST_HOVERED:
+            trace.update(hovertext=None, hoverinfo="x+y")
+        for name in ("x", "y"):
+            if trace[name] is not None and all(isinstance(value, float) for value in trace[name]):
+                trace[name] = [float(f"{value:.{_DIGITS}g}") for value in trace[name]]
+    return figure

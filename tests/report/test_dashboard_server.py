@@ -1,0 +1,102 @@
+import http.client
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from gtf_tune.errors import DefinitionError
+from gtf_tune.report.dashboard import server as server_module
+from gtf_tune.report.dashboard.place import artifact_folder
+from gtf_tune.report.dashboard.server import DashboardServer, serve_dashboard
+from gtf_tune.report.dashboard.sync import DashboardSync
+from gtf_tune.store.database import Database
+
+
+@pytest.fixture
+def server(own_database: Database) -> Iterator[DashboardServer]:
+    """Yield a dashboard on a copy of the storage that answers requests."""
+    with DashboardServer(own_database, port=0) as running:
+        thread = threading.Thread(target=running.serve)
+        thread.start()
+        yield running
+        running.stop()
+        thread.join()
+
+
+def get(server: DashboardServer, path: str, host: str = "") -> tuple[int, str]:
+    address = server.url.removeprefix("http://")
+    connection = http.client.HTTPConnection(address, timeout=20)
+    connection.request("GET", path, headers={"Host": host or address})
+    response = connection.getresponse()
+    found = response.status, response.read().decode()
+    connection.close()
+    return found
+
+
+def test_the_dashboard_serves_the_studies_of_the_storage(server: DashboardServer) -> None:
+    status, body = get(server, "/api/studies")
+
+    assert status == 200
+    names = [one["study_name"] for one in json.loads(body)["study_summaries"]]
+    assert names == ["synthetic", "two", "single", "empty"]
+
+
+def test_the_dashboard_serves_what_the_sync_wrote(own_database: Database, server: DashboardServer) -> None:
+    DashboardSync(own_database, "synthetic").write_study()
+    DashboardSync(own_database, "synthetic").write_trial(3)
+
+    study = json.loads(get(server, "/api/studies/1")[1])
+    trial = study["trials"][3]
+    artifact = next(one for one in trial["artifacts"] if one["filename"] == "walk.svg")
+
+    assert study["objective_names"] == ["GTF ATE / extent"]
+    assert "improvement on nominal" in trial["note"]["body"]
+    assert get(server, f"/artifacts/1/{trial['trial_id']}/{artifact['artifact_id']}")[1].startswith("<svg")
+
+
+def test_a_page_under_another_name_gets_no_answer(server: DashboardServer) -> None:
+    assert get(server, "/api/studies", host="attacker.example")[0] == 403
+    assert get(server, "/api/studies", host="localhost:1")[0] == 200
+
+
+def test_a_taken_port_is_an_error_that_says_what_to_do(own_database: Database, server: DashboardServer) -> None:
+    port = int(server.url.rpartition(":")[2])
+
+    with pytest.raises(DefinitionError, match=f"cannot listen on 127.0.0.1:{port} .*give another --port"):
+        DashboardServer(own_database, port=port)
+
+
+def test_the_link_is_announced_and_opened_unless_told_not_to(
+    own_database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    opened: list[str] = []
+    monkeypatch.setattr(server_module.webbrowser, "open", opened.append)
+    monkeypatch.setattr(DashboardServer, "serve", _interrupt)
+
+    serve_dashboard(own_database, port=0, announce=said.append)
+    serve_dashboard(own_database, port=0, announce=said.append, open_browser=False)
+
+    assert opened[0] in said[0]
+    assert len(opened) == 1
+    assert said[1] == "dashboard ended"
+
+
+def test_an_address_that_others_reach_is_warned_of(own_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(DashboardServer, "serve", _interrupt)
+
+    serve_dashboard(own_database, "0.0.0.0", 0, announce=said.append, open_browser=False)
+
+    assert said[0].startswith("warning: whoever reaches 0.0.0.0 can change and delete studies")
+
+
+def test_files_lie_beside_a_sqlite_file_unless_a_folder_is_given(own_database: Database, tmp_path: Path) -> None:
+    assert artifact_folder(own_database) == tmp_path / "own.db-artifacts"
+    assert artifact_folder(own_database, tmp_path / "elsewhere") == tmp_path / "elsewhere"
+
+
+def _interrupt(_: DashboardServer) -> None:
+    raise KeyboardInterrupt
