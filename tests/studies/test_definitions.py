@@ -1,0 +1,89 @@
+"""The studies that ship can be created as they stand, once their images are there."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from gtf_tune.definition import StudyDefinition, definition_from_dict, load_definition
+from gtf_tune.pipelines import OptionTable
+from gtf_tune.pipelines.droid_slam.options import OPTIONS
+from gtf_tune.store import studies
+from gtf_tune.store.database import create_database
+from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.opened import make_pipeline
+from gtf_tune.study.space import space_faults
+from tests.study.conftest import write_sequence
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "studies"
+FILES = sorted(FOLDER.rglob("*.toml"))
+DROID = "droid-slam"
+
+
+@pytest.fixture(params=FILES, ids=lambda path: str(path.relative_to(FOLDER)))
+def path(request: pytest.FixtureRequest) -> Path:
+    return request.param
+
+
+def test_there_are_studies() -> None:
+    assert FILES
+
+
+def options_of(definition: StudyDefinition) -> OptionTable:
+    """Return the options of a definition's pipeline, whether or not its program is installed here."""
+    return OptionTable(DROID, OPTIONS) if definition.pipeline.name == DROID else make_pipeline(definition).options
+
+
+def test_options_and_axes_suit_the_pipeline(path: Path) -> None:
+    definition = load_definition(path)
+
+    options_of(definition).check(definition.pipeline.options)
+    assert space_faults(definition.space, options_of(definition)) == []
+
+
+def test_every_fault_would_be_named(path: Path) -> None:
+    if load_definition(path).pipeline.name == DROID:
+        pytest.skip("DROID-SLAM's pipeline needs a checkout of it")
+
+    assert checked_definition(tomllib.loads(path.read_text()), path.name) == load_definition(path)
+
+
+def test_nominal_values_lie_inside_the_ranges(path: Path) -> None:
+    definition = load_definition(path)
+    specs = options_of(definition).specs
+    for name, axis in definition.space.items():
+        if hasattr(axis, "low"):
+            assert axis.low <= specs[name].default <= axis.high, name
+
+
+def test_names_differ_and_follow_the_folder(path: Path) -> None:
+    definition = load_definition(path)
+    names = [load_definition(other).name for other in FILES]
+
+    assert names.count(definition.name) == 1
+    assert definition.name == "-".join(path.relative_to(FOLDER).with_suffix("").parts)
+
+
+@pytest.mark.parametrize("folder", sorted({path.parent for path in FILES}), ids=lambda path: path.name)
+def test_a_study_can_be_created_and_opened(folder: Path, tmp_path: Path) -> None:
+    data = load_definition(min(folder.glob("*.toml"))).model_dump(mode="json")
+    if data["pipeline"]["name"] == DROID:
+        pytest.skip("DROID-SLAM's pipeline needs a checkout of it")
+    for sequence in data["sequences"]:
+        write_sequence(tmp_path / sequence["name"], ground_truth=False)
+        sequence.update(
+            path=sequence["name"], layout="auto", start=None, stop=None, stride=None, max_frames=None, rate_hz=None
+        )
+    database = create_database(str(tmp_path / "studies.db"))
+
+    create_study(database, definition_from_dict(data), tmp_path)
+
+    assert studies.names(database) == [data["name"]]
+    assert open_study(database, data["name"]).budget >= 2
+
+
+def test_the_readme_names_every_folder_of_studies() -> None:
+    readme = (FOLDER / "README.md").read_text()
+
+    assert [path.name for path in FOLDER.iterdir() if path.is_dir() and f"`{path.name}/`" not in readme] == []
