@@ -40,11 +40,20 @@ def _needs_another_place(shown: Snippet) -> bool:
     )
 
 
-@pytest.mark.parametrize("shown", of_kind("toml"), ids=str)
+DEFINITIONS = [one for one in of_kind("toml") if "pipeline" in tomllib.loads(one.text)]
+REST = {"name": "rest", "sequences": [{"name": "photos", "path": "photos"}], "space": {"any": {"values": [1]}}}
+
+
+@pytest.mark.parametrize("shown", [one for one in DEFINITIONS if "name" in tomllib.loads(one.text)], ids=str)
 def test_every_study_definition_shown_is_one(shown: Snippet) -> None:
     data = tomllib.loads(shown.text)
 
     assert checked_definition(data, str(shown)) == definition_from_dict(data)
+
+
+@pytest.mark.parametrize("shown", DEFINITIONS, ids=str)
+def test_every_part_of_a_study_definition_shown_is_one(shown: Snippet) -> None:
+    definition_from_dict({**REST, **tomllib.loads(shown.text)}, str(shown))
 
 
 @pytest.mark.parametrize(
