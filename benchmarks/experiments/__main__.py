@@ -2,11 +2,14 @@
 
 import argparse
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
+from benchmarks.experiments.ablation import ablation, swept_elsewhere
+from benchmarks.experiments.ladder import SEQUENCES as LADDER_SEQUENCES
+from benchmarks.experiments.ladder import Ladder, NotMeasuredError, read_ladder, run_ladder
 from benchmarks.experiments.measure import Bench, data_folders, run_confirmation, run_grid
 from benchmarks.experiments.plan import (
     CONFIRMATION_RUNS,
@@ -16,9 +19,9 @@ from benchmarks.experiments.plan import (
     experiments,
     many_noisy_runs,
 )
-from benchmarks.experiments.report import write_results
-from benchmarks.experiments.settings import read_outcome
-from gtf_tune.store.database import create_database
+from benchmarks.experiments.report import Findings, write_results
+from benchmarks.experiments.settings import Outcome, read_outcome
+from gtf_tune.store.database import Database, create_database
 from gtf_tune.study.evaluation import Interrupted
 from gtf_tune.study.stop import StopRequest, signals_to
 
@@ -48,15 +51,35 @@ def _measure(bench: Bench, planned: list[Experiment], confirmation_runs: int) ->
             _write(bench, bench.folders)
         for experiment in many_noisy_runs(bench.folders):
             _timed(experiment.study, partial(run_grid, bench, experiment))
+        for name in (name for name in LADDER_SEQUENCES if name in bench.folders):
+            _timed(f"noise ladder of {name}", partial(run_ladder, bench, name))
+        for experiment in ablation(bench.folders):
+            _timed(experiment.study, partial(run_grid, bench, experiment))
 
 
 def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
     """Write the results as far as there are any, also in the middle of the work."""
-    every = experiments(folders)
-    found = {one.study: read_outcome(bench.database, one) for one in every}
-    outcomes = [outcome for outcome in found.values() if outcome is not None]
-    many = [outcome for one in many_noisy_runs(folders) if (outcome := read_outcome(bench.database, one)) is not None]
-    write_results(outcomes, many, [one for one in every if found[one.study] is None], DOCS)
+    table, many, single = experiments(folders), many_noisy_runs(folders), ablation(folders)
+    read = partial(_read_all, bench.database)
+    ladders, missing_ladders = _ladders(bench, folders)
+    done = {one.experiment.study for one in read([*table, *many, *single])}
+    missing = [one.study for one in (*table, *many, *single) if one.study not in done]
+    ablated = read([*single, *swept_elsewhere(folders)])
+    write_results(Findings(read(table), read(many), ablated, ladders, [*missing, *missing_ladders]), DOCS)
+
+
+def _read_all(database: Database, planned: Sequence[Experiment]) -> list[Outcome]:
+    return [outcome for one in planned if (outcome := read_outcome(database, one)) is not None]
+
+
+def _ladders(bench: Bench, folders: Mapping[str, Path]) -> tuple[list[Ladder], list[str]]:
+    found, missing = [], []
+    for name in (name for name in LADDER_SEQUENCES if name in folders):
+        try:
+            found.append(read_ladder(bench.database, folders, name))
+        except NotMeasuredError:
+            missing.append(f"noise ladder of {name}")
+    return found, missing
 
 
 def _timed(name: str, work: Callable[[], None]) -> None:

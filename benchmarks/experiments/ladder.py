@@ -1,0 +1,84 @@
+"""Measure the score over a ladder of noise levels (the paper's figures on linearity and noise magnitude)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.experiments.measure import Bench, local_executor
+from benchmarks.experiments.plan import FIXED
+from gtf_tune.definition import GtfDefinition, LimitsDefinition
+from gtf_tune.metrics import ate
+from gtf_tune.pipelines import create_pipeline
+from gtf_tune.pipelines.run import RunRequest
+from gtf_tune.sequence import Sequence, load_sequence
+from gtf_tune.store import runs
+from gtf_tune.store.database import Database
+from gtf_tune.store.trajectories import trajectories
+from gtf_tune.study.evaluation import RunSlot, RunSource, run_limits
+from gtf_tune.study.events import Silent
+from gtf_tune.study.noise import NoiseProbe, ObtainTrajectories, stored_trajectories
+from gtf_tune.study.noise_scale import NoiseScale
+from gtf_tune.trajectory import Trajectory
+
+SEQUENCES = ("dtu-scan24", "fountain-P11")
+SIGMAS = (0.5, 1.0, 2.0, 5.0, 8.0)
+RUNS = 4
+
+
+class NotMeasuredError(Exception):
+    """Signal that a ladder is not complete in the database."""
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """Hold a ladder with the mean true ATE of the noisy runs of each level, in the unit of the ground truth."""
+
+    sequence: str
+    scale: NoiseScale
+    true_ates: tuple[float, ...]
+
+
+def run_ladder(bench: Bench, name: str) -> None:
+    """Measure the ladder of a sequence; finished runs are kept."""
+    with local_executor(bench.jobs) as executor:
+        source = RunSource(bench.database, executor, run_limits(LimitsDefinition()), bench.stop, Silent())
+        _probe().measure(load_sequence(bench.folders[name]), stored_trajectories(source))
+
+
+def read_ladder(database: Database, folders: Mapping[str, Path], name: str) -> Ladder:
+    """Return a finished ladder.
+
+    Raises
+    ------
+    NotMeasuredError
+        Some of its runs are missing.
+    """
+    sequence = load_sequence(folders[name])
+    seen: list[list[Trajectory]] = []
+    scale = _probe().measure(sequence, _only_stored(database, seen))
+    # The first group holds the clean runs; each further one is a level.
+    return Ladder(name, scale, tuple(_mean_ate(sequence, level) for level in seen[1:]))
+
+
+def _probe() -> NoiseProbe:
+    return NoiseProbe(create_pipeline("glomap"), dict(FIXED), GtfDefinition(), runs=RUNS, ladder=SIGMAS)
+
+
+def _only_stored(database: Database, seen: list[list[Trajectory]]) -> ObtainTrajectories:
+    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, Trajectory]:
+        keys = {slot: request.key for slot, request in requests.items()}
+        if len(runs.find(database, list(keys.values()))) < len(keys):
+            raise NotMeasuredError
+        found = trajectories(database, list(keys.values()))
+        seen.append([found[key] for key in keys.values()])
+        return {slot: found[key] for slot, key in keys.items()}
+
+    return obtain
+
+
+def _mean_ate(sequence: Sequence, level: list[Trajectory]) -> float:
+    if sequence.ground_truth is None:
+        return float("nan")
+    return float(np.mean([ate(sequence.ground_truth, one, alignment="sim3") for one in level if len(one)]))
