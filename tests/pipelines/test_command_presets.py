@@ -52,7 +52,7 @@ def colmap(features: str, matches: str, seed: str, matches_seed: str = "", mappe
     return f"""
 feature_extractor --database_path S/database.db --image_path W/images --ImageReader.single_camera 1
  --ImageReader.camera_model PINHOLE --ImageReader.camera_params 50.0,51.0,32.5,24.5 --{features}.use_gpu 0
- --{features}.num_threads 1 --{seed} 7
+ --{features}.num_threads 1
 exhaustive_matcher --database_path S/database.db --{matches}.use_gpu 0 --{matches}.num_threads 1
  --{seed} 7{matches_seed} --TWO.max_error 2.0
 mapper --database_path S/database.db --image_path W/images --output_path W/sparse --Mapper.num_threads 1

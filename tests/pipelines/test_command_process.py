@@ -40,6 +40,7 @@ if sys.argv[1:] != ["end"]:
 while not (os.path.exists("child") and os.path.exists("daemon")):
     time.sleep(0.01)
 """
+SUPERVISOR = Path(process.__file__).with_name("supervisor.py")
 MEMBERS = ("program", "child", "daemon")
 
 
@@ -104,14 +105,23 @@ def test_nobody_outlives_a_run_that_is_killed(tmp_path: Path) -> None:
     wait_until(lambda: not any(is_running(pid) for pid in pids(tmp_path)))
 
 
+def test_a_program_does_not_outlive_its_supervisor(tmp_path: Path) -> None:
+    code = "import os, time; open('part', 'w').write(str(os.getpid())); os.rename('part', 'pid'); time.sleep(1000)"
+    words = [sys.executable, "-I", "-S", SUPERVISOR, "report.json", "1000", sys.executable, "-S", "-c", code]
+    with subprocess.Popen(words, stdin=subprocess.PIPE, cwd=tmp_path) as supervisor:
+        wait_until((tmp_path / "pid").exists)
+        supervisor.kill()
+
+    wait_until(lambda: not is_running(int((tmp_path / "pid").read_text())))
+
+
 def test_a_flood_of_output_is_cut_in_the_middle(tmp_path: Path) -> None:
     script = "import os; [os.write(1, b'x' * 99999 + b'\\n') for _ in range(1000)]; print('the end')"
-    supervisor = Path(process.__file__).with_name("supervisor.py")
     with (tmp_path / "log").open("ab") as log:
         log.write(b"before\n")
         log.flush()
         running = subprocess.Popen(
-            [sys.executable, "-I", "-S", supervisor, "report.json", str(10**6), sys.executable, "-S", "-c", script],
+            [sys.executable, "-I", "-S", SUPERVISOR, "report.json", str(10**6), sys.executable, "-S", "-c", script],
             stdin=subprocess.PIPE,
             stdout=log,
             cwd=tmp_path,
