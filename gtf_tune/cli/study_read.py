@@ -22,6 +22,8 @@ from gtf_tune.cli.storage_access import open_storage
 from gtf_tune.cli.study_notes import warn_of_lost_frames
 
 if TYPE_CHECKING:
+    from gtf_tune.definition import StudyDefinition
+    from gtf_tune.store.runs import RunTotals
     from gtf_tune.store.trials import Trial
     from gtf_tune.study.picking import Pick
     from gtf_tune.study.recommendation import Recommendation
@@ -64,19 +66,27 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
 
     Example: gtf-tune study show photos
     """
-    from gtf_tune.store import studies, trials, validations
+    from gtf_tune.store import runs, studies, trials, validations
+    from gtf_tune.study.create import stored_definition
 
     database = open_storage(storage)
     study = studies.get(database, name)
     known = trials.of_study(database, study.id)
     truth = validations.of_study(database, study.id)
     gt_ates = {ordinal: found[0].ate for ordinal, found in truth.items() if len(found) == 1}
+    definition = stored_definition(study)
     if json:
-        definition = json_module.loads(study.definition)
         shown = [{**vars(trial), "gt_ate": gt_ates.get(trial.ordinal)} for trial in known]
-        write_json({"name": study.name, "state": study.state, "definition": definition, "trials": shown})
+        write_json(
+            {
+                "name": study.name,
+                "state": study.state,
+                "definition": definition.model_dump(mode="json"),
+                "trials": shown,
+            }
+        )
         return
-    _write_heading(study.definition, study.state, known)
+    _write_heading(definition, study.state, known, runs.totals(database, study.id))
     ranked = sorted(known, key=_rank)
     chosen = ranked if all_ else [one for one in ranked if one.ordinal == 0 or one in ranked[:_SHOWN_TRIALS]]
     _write_trials(chosen, gt_ates)
@@ -135,22 +145,34 @@ def _rank(trial: "Trial") -> tuple[bool, float, int]:
     return (not trial.feasible, trial.value if trial.value is not None else float("inf"), trial.ordinal)
 
 
-def _write_heading(definition_json: str, state: str, known: list["Trial"]) -> None:
-    definition = json_module.loads(definition_json)
-    gtf = definition["gtf"]
-    sequences = ", ".join(one["name"] for one in definition["sequences"])
+def _write_heading(definition: "StudyDefinition", state: str, known: list["Trial"], cost: "RunTotals") -> None:
+    gtf = definition.gtf
+    noisy = str(gtf.noisy_runs_max)
+    if gtf.noisy_runs_min < gtf.noisy_runs_max:
+        noisy = f"{gtf.noisy_runs_min} to {gtf.noisy_runs_max}"
     finished = sum(trial.state != "claimed" for trial in known)
     write_pairs(
         {
-            "study": f"{definition['name']} ({state}, {finished} trials done)",
-            "pipeline": definition["pipeline"]["name"],
-            "sequences": sequences,
-            "runs a trial": f"{gtf['clean_runs']} clean, {gtf['noisy_runs']} noisy at {gtf['noise_sigma']} grey levels",
-            "score": f"{gtf['metric']}, {gtf['aggregate']}, {gtf['alignment']}, normalised by {gtf['normalise']}",
-            "sampler": f"{definition['search']['sampler']}, seed {definition['search']['seed']}",
+            "study": f"{definition.name} ({state}, {finished} trials done)",
+            "pipeline": definition.pipeline.name,
+            "sequences": ", ".join(one.name for one in definition.sequences),
+            "runs a trial": f"{gtf.clean_runs} clean, {noisy} noisy at {gtf.noise_sigma} grey levels",
+            "score": f"{gtf.metric}, {gtf.aggregate}, {gtf.alignment}, normalised by {gtf.normalise}",
+            "sampler": f"{definition.search.sampler}, seed {definition.search.seed}",
+            "runs": f"{cost.made} made in {duration(cost.made_s)}, {cost.reused} reused, {cost.failed} failed",
+            "spared": _spared(definition, known),
         }
     )
     write_line("")
+
+
+def _spared(definition: "StudyDefinition", known: list["Trial"]) -> str:
+    from gtf_tune.study.sizing_savings import runs_saved
+
+    saved = runs_saved(known, definition)
+    ways = {"sizing": saved.by_sizing, "the pruner": saved.by_pruner, "infeasible trials": saved.by_coverage}
+    told = ", ".join(f"{count} by {way}" for way, count in ways.items() if count)
+    return f"{told} ({saved.share:.0%} of {saved.full} runs)" if told else "no run: every trial took all of its runs"
 
 
 def _write_trials(chosen: list["Trial"], gt_ates: Mapping[int, float | None]) -> None:

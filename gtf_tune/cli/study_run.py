@@ -79,10 +79,10 @@ def resume(
     study = open_for_work(database, name, sequence, allow_version_mismatch)
     counts = trials.counts(database, study.record.id)
     done = counts.get("complete", 0) + counts.get("pruned", 0)
-    kept = len({one.run.key for one in runs.of_study(database, study.record.id)})
+    cost = runs.totals(database, study.record.id)
     say(
         f"study '{name}': {done} of {study.budget} trials done, {counts.get('claimed', 0)} in progress, "
-        f"{kept} runs stored, {study.budget - done} trials left"
+        f"{cost.made} runs made and {cost.reused} reused for them, {study.budget - done} trials left"
     )
     reopen_study(database, name)
     work_on(study, make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache), trial_parallel)
