@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any, Literal, cast
 
-from sqlalchemy import case, delete, func, select, update
+from sqlalchemy import case, delete, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from gtf_tune.errors import StorageError
@@ -241,10 +241,16 @@ def delete_study(database: Database, name: str) -> None:
 
 
 def _delete(session: Session, study_id: int) -> None:
+    definitions = session.scalars(
+        select(models.Confirmation.definition).where(models.Confirmation.study_id == study_id)
+    )
+    confirmed = [key for definition in definitions for key in definition.get("run_keys", ())]
     used = select(models.TrialRun.run_id).join(models.Trial, models.Trial.id == models.TrialRun.trial_id)
     here, elsewhere = used.where(models.Trial.study_id == study_id), used.where(models.Trial.study_id != study_id)
     for statement in (
-        delete(models.Run).where(models.Run.id.in_(here), models.Run.id.not_in(elsewhere)),
+        delete(models.Run).where(
+            or_(models.Run.id.in_(here), models.Run.key.in_(confirmed)), models.Run.id.not_in(elsewhere)
+        ),
         delete(models.Study).where(models.Study.id == study_id),
     ):
         session.execute(statement.execution_options(synchronize_session=False))

@@ -180,3 +180,16 @@ def test_a_better_trial_after_the_confirmation_is_unconfirmed(
     confirmations.add(database, study_id, {}, result, "adopt")
 
     assert recommend(database, study_id, "small").verdict == "unconfirmed"
+
+
+def test_deleting_a_study_deletes_the_runs_of_its_confirmations(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    run_study(definition_of(room, **GRID))
+    keys = _confirm(database, top=1, noisy_runs=4).definition["run_keys"]
+    before = runs.find(database, keys)
+
+    studies.delete_study(database, "small")
+
+    assert len(before) == len(keys)
+    assert runs.find(database, keys) == {}
