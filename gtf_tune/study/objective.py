@@ -64,19 +64,30 @@ class TrialScore:
 
     @property
     def standard_error(self) -> float:
-        """Return the standard error of ``value``; NaN where it cannot be said."""
-        scores = [one.score for one in self.by_sequence.values()]
-        if len(scores) != 1 or scores[0] is None:
+        """Return the standard error of ``value``; NaN where it cannot be said.
+
+        Over several sequences relative errors add in squares: their noise is independent. The nominal scores that each
+        is divided by are taken as given.
+        """
+        relative = [score.standard_error / score.value for score in self._scores if score.value]
+        if not relative or len(relative) < len(self.by_sequence):
             return math.nan
-        return scores[0].standard_error
+        return self.value * math.hypot(*relative) / len(relative)
 
     @property
     def confidence_interval(self) -> tuple[float, float]:
         """Return the 95 % confidence interval of ``value``; NaN where it cannot be said."""
-        scores = [one.score for one in self.by_sequence.values()]
-        if len(scores) != 1 or scores[0] is None:
+        bounds = [score.confidence_interval for score in self._scores]
+        if len(bounds) == 1 and len(self.by_sequence) == 1:
+            return bounds[0]
+        if not bounds or len(bounds) < len(self.by_sequence) or not all(low > 0 for low, _ in bounds):
             return (math.nan, math.nan)
-        return scores[0].confidence_interval
+        half = math.hypot(*(math.log(high / low) / 2 for low, high in bounds)) / len(bounds)
+        return (self.value * math.exp(-half), self.value * math.exp(half))
+
+    @property
+    def _scores(self) -> list[GtfScore]:
+        return [one.score for one in self.by_sequence.values() if one.score is not None]
 
 
 def settings_of(gtf: GtfDefinition) -> GtfSettings:
