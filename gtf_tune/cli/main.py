@@ -12,6 +12,7 @@ from gtf_tune.cli.doctor import doctor
 from gtf_tune.cli.evaluate import evaluate
 from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.noise import noise
+from gtf_tune.cli.storage_access import close_storages
 from gtf_tune.cli.worker import worker
 from gtf_tune.errors import GtfTuneError
 
@@ -44,3 +45,5 @@ def main() -> None:
     except GtfTuneError as error:
         say(f"error: {error}")
         sys.exit(1)
+    finally:
+        close_storages()

@@ -1,5 +1,6 @@
 """Open the storage that a command works on, say which one it is, and keep Optuna's own notes off the terminal."""
 
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from gtf_tune.cli.console import say
@@ -7,12 +8,20 @@ from gtf_tune.cli.console import say
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
 
+_opened = ExitStack()
+
+
+def close_storages() -> None:
+    """Close the connections of every storage that the command has opened."""
+    _opened.close()
+
 
 def open_storage(storage: str) -> "Database":
     """Open an existing storage and print which one it is."""
     from gtf_tune.store.database import open_database
 
     database = open_database(storage)
+    _opened.callback(database.close)
     say(f"storage: {database.shown_url}")
     return database
 
@@ -22,6 +31,7 @@ def create_storage(storage: str) -> "Database":
     from gtf_tune.store.database import create_database
 
     database = create_database(storage)
+    _opened.callback(database.close)
     say(f"storage: {database.shown_url}")
     return database
 

@@ -48,7 +48,7 @@ def worker(
     """Work on every open study of a storage, as one of many workers on many machines.
 
     Waits for new studies until it is stopped, unless --once or --idle-exit say otherwise. SIGTERM and Ctrl-C finish
-    the runs in flight for 8 seconds at most, release the trial and end.
+    the runs in flight for 6 seconds at most, release the trial and end.
 
     Example: gtf-tune worker --storage studies.db --once
     """

@@ -10,7 +10,7 @@ from types import FrameType
 FINISH_RUNS = 1
 STOP_NOW = 2
 _INTERRUPTED_EXIT_CODE = 130
-_LAST_MOMENT_S = 1.5
+_LAST_MOMENT_S = 2.5
 
 
 class StopRequest:
@@ -48,14 +48,14 @@ class StopRequest:
 
 
 @contextlib.contextmanager
-def signals_to(stop: StopRequest, announce: Callable[[str], None], grace_s: float = 8.0) -> Iterator[None]:
+def signals_to(stop: StopRequest, announce: Callable[[str], None], grace_s: float = 6.0) -> Iterator[None]:
     """Turn Ctrl-C and SIGTERM into stop requests for the length of a context.
 
     The first Ctrl-C asks to finish the runs in flight, the second to stop at once. SIGTERM asks to finish them and
     gives them ``grace_s`` seconds, because a pre-empted machine disappears soon after; a process that then still waits
-    for something, such as a database out of reach, ends at once: others adopt its trial when its heartbeat is missed.
+    for something, such as a database out of reach, is ended 2.5 s later: others adopt its trial when they miss its
+    heartbeat.
     """
-    timers: list[threading.Timer] = []
 
     def on_interrupt(number: int, frame: FrameType | None) -> None:
         del number, frame
@@ -69,18 +69,19 @@ def signals_to(stop: StopRequest, announce: Callable[[str], None], grace_s: floa
     def on_terminate(number: int, frame: FrameType | None) -> None:
         del number, frame
         stop.ask(FINISH_RUNS)
+        _later(grace_s, lambda: stop.ask(STOP_NOW))
+        _later(grace_s + _LAST_MOMENT_S, lambda: os._exit(_INTERRUPTED_EXIT_CODE))
         announce(f"asked to terminate: runs in flight have {grace_s:g} s to finish")
-        timers.append(threading.Timer(grace_s, stop.ask, [STOP_NOW]))
-        timers.append(threading.Timer(grace_s + _LAST_MOMENT_S, os._exit, [_INTERRUPTED_EXIT_CODE]))
-        for timer in timers[-2:]:
-            timer.daemon = True
-            timer.start()
 
     before = signal.signal(signal.SIGINT, on_interrupt), signal.signal(signal.SIGTERM, on_terminate)
     try:
         yield
     finally:
-        for timer in timers:
-            timer.cancel()
         signal.signal(signal.SIGINT, before[0])
         signal.signal(signal.SIGTERM, before[1])
+
+
+def _later(delay_s: float, action: Callable[[], None]) -> None:
+    timer = threading.Timer(delay_s, action)
+    timer.daemon = True
+    timer.start()
