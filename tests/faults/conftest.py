@@ -8,6 +8,7 @@ import pytest
 
 from gtf_tune.store.database import open_database
 from gtf_tune.store.digest import study_digest
+from tests.cli.conftest import cli  # noqa: F401 (a fixture)
 from tests.faults import counted
 from tests.faults.disks import SmallDisk, mounted
 from tests.faults.disturbance import NAME, Disturbed

@@ -1,0 +1,40 @@
+"""What docs/security.md promises of the code, checked on the code."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[2] / "gtf_tune"
+FILES = sorted(PACKAGE.rglob("*.py"))
+FORBIDDEN_CALLS = {"eval", "exec", "compile", "os.system", "os.popen", "yaml.load", "pickle.load", "pickle.loads"}
+FORBIDDEN_IMPORTS = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "yaml"}
+EXCEPT = {"testing.py"}  # the pipelines' contract pickles a pipeline and reads it back, inside the tests
+
+
+def calls(tree: ast.AST) -> Iterator[tuple[str, ast.Call]]:
+    """Yield every call with its dotted name."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            yield ast.unparse(node.func), node
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_no_file_runs_text_as_code_or_reads_objects_from_bytes(path: Path) -> None:
+    if path.name in EXCEPT:
+        pytest.skip("only tests use it")
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    imported = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    imported |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+
+    assert not imported & FORBIDDEN_IMPORTS
+    assert not {name for name, _ in calls(tree)} & FORBIDDEN_CALLS
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_no_program_is_started_through_a_shell(path: Path) -> None:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    keywords = [keyword for _, call in calls(tree) for keyword in call.keywords if keyword.arg == "shell"]
+
+    assert not keywords

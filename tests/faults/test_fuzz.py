@@ -1,0 +1,102 @@
+"""Random definitions and options: whatever comes, the answer is a value or one sentence."""
+
+import os
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from gtf_tune.definition import load_definition
+from gtf_tune.errors import DefinitionError, OptionError
+from gtf_tune.pipelines import OptionTable, create_pipeline
+from gtf_tune.study.create import checked_definition
+
+CASES = int(os.environ.get("GTF_TUNE_FUZZ_CASES", "100"))
+SLOWLY = settings(max_examples=CASES, deadline=None, suppress_health_check=list(HealthCheck))
+
+VALID: dict[str, Any] = {
+    "name": "fuzz",
+    "pipeline": {"name": "analytic", "options": {"robust.kernel": "huber"}},
+    "sequences": [{"name": "room", "path": "room"}],
+    "space": {"filter.max_error": {"low": 1e-3, "high": 0.1, "log": True}},
+    "gtf": {"clean_runs": 2, "noisy_runs": 6, "noise_sigma": 5.0},
+    "search": {"sampler": "tpe", "trials": 8},
+    "limits": {"run_timeout_s": 600},
+}
+WORDS = st.sampled_from(
+    [*VALID, "values", "points", "holdout", "sampler", "auto", "glomap", "command", "filter.max_error", "settings", ""]
+)
+LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | WORDS
+VALUES = st.recursive(LEAVES, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(WORDS, inner, max_size=3))
+
+
+@st.composite
+def damaged_definitions(draw: st.DrawFn) -> dict[str, Any]:
+    """Draw a definition with some of its parts replaced, removed or added."""
+    data = {name: dict(value) if isinstance(value, dict) else value for name, value in VALID.items()}
+    for _ in range(draw(st.integers(1, 3))):
+        section = draw(st.sampled_from(sorted(data)) | WORDS)
+        inside = data.get(section)
+        if isinstance(inside, dict) and draw(st.booleans()):
+            inside[draw(st.sampled_from(sorted(inside) or ["x"]) | WORDS)] = draw(VALUES)
+        else:
+            data[section] = draw(VALUES)
+    return data
+
+
+@SLOWLY
+@given(damaged_definitions())
+def test_a_damaged_definition_is_accepted_or_refused_in_words(data: dict[str, Any]) -> None:
+    try:
+        checked_definition(data, "fuzz.toml")
+    except DefinitionError as error:
+        said = str(error)
+    else:
+        said = "accepted fuzz.toml"
+
+    assert "fuzz.toml" in said
+
+
+@SLOWLY
+@given(st.text(max_size=300) | st.binary(max_size=300))
+def test_a_file_of_anything_is_refused_in_words(tmp_path_factory: pytest.TempPathFactory, content: str | bytes) -> None:
+    path = tmp_path_factory.getbasetemp() / "fuzz.toml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass"))
+
+    with pytest.raises(DefinitionError, match=r"fuzz\.toml"):
+        load_definition(path)
+
+
+@pytest.fixture(scope="module", params=["analytic", "glomap"])
+def table(request: pytest.FixtureRequest) -> OptionTable:
+    return create_pipeline(request.param).options
+
+
+@SLOWLY
+@given(data=st.data())
+def test_an_option_takes_a_value_of_its_type_or_refuses_it_in_words(table: OptionTable, data: st.DataObject) -> None:
+    name = data.draw(st.sampled_from(sorted(table.specs)) | st.text(max_size=10))
+    value = data.draw(VALUES)
+
+    try:
+        taken = table.check({name: value})
+    except OptionError as error:
+        taken = {}
+        assert name[:5] in str(error)  # noqa: PT017 (either answer is right)
+
+    assert all(type(taken[one]) is type(table.specs[one].default) for one in taken)
+
+
+@pytest.mark.soak
+def test_ten_thousand_cases_of_each_kind() -> None:
+    import subprocess
+    import sys
+
+    environment = {**os.environ, "GTF_TUNE_FUZZ_CASES": "10000"}
+    done = subprocess.run([sys.executable, "-m", "pytest", "-n0", "-q", __file__], env=environment, check=False)
+    assert done.returncode == 0
+
+
+def test_the_valid_definition_is_valid() -> None:
+    assert checked_definition(VALID, "fuzz.toml").name == "fuzz"
