@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gtf_tune.cli.console import number, permille, say, write_json, write_pairs
-from gtf_tune.cli.parameters import CacheDir, Jobs, Json, NoCache
+from gtf_tune.cli.parameters import CacheDir, Jobs, Json, NoCache, Settings
 
 if TYPE_CHECKING:
     from gtf_tune.study.evaluate import Evaluation
@@ -17,10 +17,11 @@ def evaluate(
     sequence: Annotated[Path, typer.Argument(help="Folder of images.")],
     pipeline: Annotated[str, typer.Option("--pipeline", "-p", help="Pipeline.")] = "glomap",
     option: Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="An option.")] = None,
+    setting: Settings = None,
     clean_runs: Annotated[int, typer.Option("--clean-runs", "-k", min=1, help="k.")] = 2,
     noisy_runs: Annotated[int, typer.Option("--noisy-runs", "-K", min=1, help="k_delta.")] = 6,
     noise_sigma: Annotated[float, typer.Option("--noise-sigma", help="Noise in grey levels (0..255).")] = 5.0,
-    aggregate: Annotated[str, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")] = "mean",
+    aggregate: Annotated[str, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")] = "median",
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of noise and runs.")] = 0,
     jobs: Jobs = None,
     cache_dir: CacheDir = None,
@@ -32,7 +33,7 @@ def evaluate(
     Example: gtf-tune evaluate images/ -o mapper.max_normalized_reproj_error=1e-3
     """
     from gtf_tune.cli.executors import cores, make_executor
-    from gtf_tune.cli.values import parse_pair, parse_value
+    from gtf_tune.cli.values import parse_pairs
     from gtf_tune.definition.gtf import GtfDefinition
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.pipelines import create_pipeline
@@ -44,12 +45,12 @@ def evaluate(
         {"clean_runs": clean_runs, "noisy_runs": noisy_runs, "noise_sigma": noise_sigma, "aggregate": aggregate},
         source="evaluate",
     )
-    chosen = create_pipeline(pipeline)
-    given = {name: parse_value(value) for name, value in (parse_pair(one, "--option") for one in option or [])}
-    setting = Setting(chosen, chosen.options.check(given), gtf, seed)
+    chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))
+    given = parse_pairs(option, "--option")
+    wanted = Setting(chosen, chosen.options.check(given), gtf, seed)
     loaded = load_sequence(sequence)
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
-        found = evaluate_setting(setting, loaded, executor, on_run=say)
+        found = evaluate_setting(wanted, loaded, executor, on_run=say)
     if json:
         write_json(found.as_dict())
     else:

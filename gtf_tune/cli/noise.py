@@ -9,7 +9,7 @@ import typer
 
 from gtf_tune.cli.console import number, permille, say, write_json, write_line, write_table
 from gtf_tune.cli.executors import cores, make_executor
-from gtf_tune.cli.parameters import CacheDir, Jobs, Json, NoCache
+from gtf_tune.cli.parameters import CacheDir, Jobs, Json, NoCache, Settings
 
 if TYPE_CHECKING:
     from gtf_tune.study.noise_scale import NoiseLevel, NoiseScale
@@ -23,6 +23,7 @@ def noise(
     sequence: Annotated[Path, typer.Argument(help="Folder of images.")],
     pipeline: Annotated[str, typer.Option("--pipeline", "-p", help="Pipeline.")] = "glomap",
     option: Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="An option.")] = None,
+    setting: Settings = None,
     sigmas: Sigmas = None,
     clean_runs: Annotated[int, typer.Option("--clean-runs", "-k", min=1, help="k.")] = 2,
     runs: Annotated[int, typer.Option("--runs", "-K", min=2, help="Noisy runs of each level.")] = 4,
@@ -39,7 +40,7 @@ def noise(
 
     Example: gtf-tune noise images/ --pipeline glomap --runs 6
     """
-    from gtf_tune.cli.values import parse_pair, parse_value
+    from gtf_tune.cli.values import parse_pairs
     from gtf_tune.definition import GtfDefinition, LimitsDefinition
     from gtf_tune.pipelines import create_pipeline
     from gtf_tune.sequence import load_sequence
@@ -47,8 +48,8 @@ def noise(
     from gtf_tune.study.noise import NoiseProbe, fresh_trajectories
     from gtf_tune.study.noise_scale import LADDER
 
-    chosen = create_pipeline(pipeline)
-    given = {name: parse_value(value) for name, value in (parse_pair(one, "--option") for one in option or [])}
+    chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))
+    given = parse_pairs(option, "--option")
     ladder = _ladder(sigmas) if sigmas else LADDER
     gtf = GtfDefinition(clean_runs=clean_runs)
     probe = NoiseProbe(chosen, chosen.options.check(given), gtf, seed, runs, ladder)

@@ -21,6 +21,10 @@ CacheDir = Annotated[
 ]
 NoCache = Annotated[bool, typer.Option("--no-cache", help="Compute every stage of every run anew.")]
 Jobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Runs side by side (default: cores).")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--setting", metavar="NAME=VALUE", help="A setting of the pipeline that is no option (pairing=...)."),
+]
 StudyName = Annotated[str, typer.Argument(metavar="STUDY", help="Name of the study.")]
 
 DEFAULT_STORAGE = "gtf-tune.db"

@@ -6,7 +6,8 @@ import typer
 
 from gtf_tune.cli.console import say, write_json, write_line, write_table
 from gtf_tune.cli.grouping import GroupedCommands
-from gtf_tune.cli.parameters import Json
+from gtf_tune.cli.parameters import Json, Settings
+from gtf_tune.cli.values import parse_pairs
 
 app = typer.Typer(cls=GroupedCommands, help="List pipelines and their tunable options.", no_args_is_help=True)
 
@@ -39,6 +40,7 @@ def list_pipelines(json: Json = False) -> None:
 def options(
     name: Annotated[str, typer.Argument(metavar="PIPELINE", help="Name of the pipeline.")],
     grep: Annotated[str, typer.Option("--grep", help="Only options whose name or meaning contains TEXT.")] = "",
+    setting: Settings = None,
     json: Json = False,
 ) -> None:
     """Print every tunable option of a pipeline: name, type, default, meaning.
@@ -49,7 +51,7 @@ def options(
 
     specs = [
         spec
-        for spec in create_pipeline(name).options.specs.values()
+        for spec in create_pipeline(name, parse_pairs(setting, "--setting")).options.specs.values()
         if grep.lower() in spec.name.lower() or grep.lower() in spec.documentation.lower()
     ]
     if json:

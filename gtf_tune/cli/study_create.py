@@ -7,9 +7,9 @@ from typing import Annotated, Any
 import typer
 
 from gtf_tune.cli.console import say
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Settings, Storage
 from gtf_tune.cli.storage_access import create_storage, hush_optuna
-from gtf_tune.cli.values import parse_pair, parse_value
+from gtf_tune.cli.values import parse_pair, parse_pairs, parse_value
 from gtf_tune.errors import DefinitionError
 
 Source = Annotated[str, typer.Argument(metavar="NAME|FILE.toml", help="Name of the study, or a study definition.")]
@@ -36,10 +36,11 @@ def create(
     ] = None,
     pipeline: Pipeline = None,
     option: Fixed = None,
+    setting: Settings = None,
     range_: Range = None,
     values: Values = None,
     clean_runs: Annotated[int | None, typer.Option("--clean-runs", "-k", help="k, clean runs of a trial.")] = None,
-    noisy_runs: Annotated[int | None, typer.Option("--noisy-runs", "-K", help="k_delta, noisy runs.")] = None,
+    noisy_runs: Annotated[str | None, typer.Option("--noisy-runs", "-K", help="k_delta, or MIN:MAX.")] = None,
     noise_sigma: Annotated[
         str | None, typer.Option("--noise-sigma", help="Noise in grey levels (0..255), or auto.")
     ] = None,
@@ -59,10 +60,11 @@ def create(
     data, root = _base(source)
     if name:
         data["name"] = name
-    _add_sections(data, pipeline, option, sequence)
+    _add_pipeline(data, pipeline, parse_pairs(option, "--option"), parse_pairs(setting, "--setting"))
+    _add_sequences(data, sequence)
     _shrink(data, max_image_size)
     _add_space(data, range_ or [], values or [])
-    _put(data, "gtf", clean_runs=clean_runs, noisy_runs=noisy_runs, aggregate=aggregate)
+    _put(data, "gtf", clean_runs=clean_runs, noisy_runs=_runs(noisy_runs), aggregate=aggregate)
     _put(data, "gtf", noise_sigma=None if noise_sigma is None else parse_value(noise_sigma))
     _put(data, "search", sampler=sampler, trials=trials, seed=seed)
     definition = checked_definition(data, source)
@@ -83,16 +85,25 @@ def _base(source: str) -> tuple[dict[str, Any], Path]:
     return {"name": source, "pipeline": {"name": "glomap"}}, Path.cwd()
 
 
-def _add_sections(
-    data: dict[str, Any], pipeline: str | None, options: list[str] | None, sequences: list[Path] | None
-) -> None:
-    _put(data, "pipeline", name=pipeline)
-    if options:
-        fixed = {name: parse_value(value) for name, value in (parse_pair(one, "--option") for one in options)}
-        section = dict(data.get("pipeline") or {})
-        data["pipeline"] = {**section, "options": {**section.get("options", {}), **fixed}}
-    if sequences:
-        data["sequences"] = [{"name": path.absolute().name, "path": str(path.absolute())} for path in sequences]
+def _add_pipeline(data: dict[str, Any], name: str | None, options: dict[str, Any], settings: dict[str, Any]) -> None:
+    _put(data, "pipeline", name=name)
+    for part, given in (("options", options), ("settings", settings)):
+        if given:
+            section = data.get("pipeline") or {}
+            data["pipeline"] = {**section, part: {**section.get(part, {}), **given}}
+
+
+def _add_sequences(data: dict[str, Any], folders: list[Path] | None) -> None:
+    if folders:
+        data["sequences"] = [{"name": path.absolute().name, "path": str(path.absolute())} for path in folders]
+
+
+def _runs(text: str | None) -> Any:
+    """Return a number of runs, or the bounds that MIN:MAX gives to adaptive sizing."""
+    if text is None or ":" not in text:
+        return None if text is None else parse_value(text)
+    low, high = text.split(":", 1)
+    return {"min": parse_value(low), "max": parse_value(high)}
 
 
 def _shrink(data: dict[str, Any], max_image_size: int | None) -> None:

@@ -189,6 +189,8 @@ def _write_trials(chosen: list["Trial"], gt_ates: Mapping[int, float | None]) ->
         row += values if len(names) <= _OPTION_COLUMNS else [", ".join(f"{name}={value}" for name, value in pairs)]
         rows.append(row)
     write_table(columns, rows)
+    if any(trial.state == "pruned" for trial in chosen):
+        write_line("* stopped early, on fewer noisy runs than the others: not to be picked")
 
 
 def _short_names(names: list[str]) -> list[str]:
@@ -204,7 +206,9 @@ def _ordinal(trial: "Trial") -> str:
 def _score(trial: "Trial") -> str:
     if trial.value is None:
         return trial.state
-    return permille(trial.value) if trial.feasible else "infeasible"
+    if not trial.feasible:
+        return "infeasible"
+    return permille(trial.value) + ("*" if trial.state == "pruned" else "")
 
 
 def _value(value: object) -> str:

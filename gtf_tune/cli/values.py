@@ -14,6 +14,11 @@ def parse_value(text: str) -> Any:
         return text
 
 
+def parse_pairs(texts: list[str] | None, flag: str) -> dict[str, Any]:
+    """Return the values of several NAME=VALUE."""
+    return {name: parse_value(value) for name, value in (parse_pair(text, flag) for text in texts or [])}
+
+
 def parse_pair(text: str, flag: str) -> tuple[str, str]:
     """Split NAME=VALUE."""
     name, equals, value = text.partition("=")

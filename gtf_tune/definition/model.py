@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, JsonValue, field_validator, model_validator
 
 from gtf_tune.definition.base import Section
 from gtf_tune.definition.gtf import GtfDefinition
@@ -22,7 +22,7 @@ class PipelineDefinition(Section):
 
     name: str
     options: dict[str, bool | int | float | str] = Field(default_factory=dict)
-    settings: dict[str, bool | int | float | str | list[str] | dict[str, object]] = Field(default_factory=dict)
+    settings: dict[str, JsonValue] = Field(default_factory=dict)
 
 
 class CameraDefinition(Section):
