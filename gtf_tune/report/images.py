@@ -4,6 +4,8 @@ import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 
+import plotly.io
+
 from gtf_tune.errors import DefinitionError
 from gtf_tune.report.html import Section, figure_id
 from gtf_tune.report.panels.blocks import Drawing
@@ -22,12 +24,19 @@ def write_images(folder: Path, sections: Sequence[Section]) -> list[Path]:
         Kaleido or the browser that it needs is missing, or the folder cannot be written.
     """
     require_kaleido()
+    drawings = [block for section in sections for block in section.blocks if isinstance(block, Drawing)]
+    paths = [folder / f"{figure_id(drawing.name)}.png" for drawing in drawings]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DefinitionError(f"{folder} cannot be made ({error.strerror}); give another folder with -o") from error
-    drawings = [block for section in sections for block in section.blocks if isinstance(block, Drawing)]
-    return [_written(folder / f"{figure_id(drawing.name)}.png", drawing) for drawing in drawings]
+        if drawings:
+            _write(paths, drawings)
+    except (RuntimeError, OSError, ValueError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise DefinitionError(
+            f"the figures could not be written to {folder} ({reason}); give a folder that can be written with -o, and "
+            "install Chrome or Chromium, which kaleido draws with"
+        ) from error
+    return paths
 
 
 def require_kaleido() -> None:
@@ -36,14 +45,12 @@ def require_kaleido() -> None:
         raise DefinitionError("PNG files need the package 'kaleido'; install it with: pip install 'gtf-tune[png]'")
 
 
-def _written(path: Path, drawing: Drawing) -> Path:
-    width = _WIDE_PX if drawing.is_wide else _WIDTH_PX
-    try:
-        drawing.figure.write_image(str(path), format="png", width=width, scale=_SCALE)
-    except (RuntimeError, OSError, ValueError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise DefinitionError(
-            f"{path.name} could not be drawn ({reason}); kaleido needs Chrome or Chromium: install one, or run "
-            "plotly_get_chrome"
-        ) from error
-    return path
+def _write(paths: Sequence[Path], drawings: Sequence[Drawing]) -> None:
+    plotly.io.write_images(
+        fig=[drawing.figure for drawing in drawings],
+        file=[str(path) for path in paths],
+        format="png",
+        width=[_WIDE_PX if drawing.is_wide else _WIDTH_PX for drawing in drawings],
+        height=[drawing.figure.layout.height for drawing in drawings],
+        scale=_SCALE,
+    )

@@ -1,6 +1,7 @@
 import csv
 import io
 import json
+import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from gtf_tune.report.dashboard.place import artifact_folder, turn_to_write
 from gtf_tune.report.dashboard.sync import DashboardSync
 from gtf_tune.report.study_data import read_search, read_trials
 from gtf_tune.store import trials
-from gtf_tune.store.database import Database
+from gtf_tune.store.database import Database, connect
 from gtf_tune.store.optuna_tables import optuna_storage
 
 STUDY_ID = 1
@@ -202,6 +203,20 @@ def test_a_worker_that_may_wait_gets_its_turn(own_database: Database) -> None:
     with turn_to_write(own_database, STUDY_ID, patience_s=10) as mine:
         assert mine
     other.join()
+
+
+def test_turns_are_kept_on_a_server_too() -> None:
+    url = os.environ.get("GTF_TUNE_TEST_DB_URL")
+    if not url:
+        pytest.skip("no PostgreSQL here: set GTF_TUNE_TEST_DB_URL")
+    database = connect(url.replace("postgresql://", "postgresql+psycopg://"))
+
+    with turn_to_write(database, STUDY_ID) as first, turn_to_write(database, STUDY_ID) as second:
+        assert (first, second) == (True, False)
+    with turn_to_write(database, STUDY_ID, patience_s=1) as again:
+        assert again
+    assert artifact_folder(database) is None
+    database.close()
 
 
 def test_workers_that_write_side_by_side_leave_whole_figures(own_database: Database) -> None:

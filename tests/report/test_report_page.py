@@ -4,9 +4,11 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import plotly.io
 import pytest
 
 from gtf_tune.errors import DefinitionError, StorageError
+from gtf_tune.report import images
 from gtf_tune.report.build import build_report, build_sections, read_input, write_report
 from gtf_tune.report.definition import PanelDefinition, ReportDefinition, default_report_definition
 from gtf_tune.report.html import figure_id
@@ -122,6 +124,34 @@ def test_an_unknown_study_is_an_error(database: Database) -> None:
 def test_a_report_that_cannot_be_written_is_an_error(database: Database, tmp_path: Path) -> None:
     with pytest.raises(DefinitionError, match="give another file with -o"):
         write_report(tmp_path / "missing" / "report.html", database, "empty", DEFINITION)
+
+
+def test_images_are_drawn_at_the_size_of_their_figures(
+    database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, list[object]] = {}
+    monkeypatch.setattr(images, "require_kaleido", lambda: None)
+    monkeypatch.setattr(plotly.io, "write_images", lambda **wishes: asked.update(wishes))
+    short = ReportDefinition(panels=(PanelDefinition(kind="search", title="Search"),))
+
+    paths = write_images(tmp_path / "new", build_sections(read_input(database, "synthetic", short)))
+
+    assert [path.name for path in paths] == ["history.png", "parallel-coordinates.png", "importance.png"]
+    assert asked["file"] == [str(path) for path in paths]
+    assert asked["height"][:2] == [400, 430]
+
+
+def test_images_without_a_browser_name_what_to_install(
+    database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(**_: object) -> None:
+        raise RuntimeError("Kaleido requires Google Chrome")
+
+    monkeypatch.setattr(images, "require_kaleido", lambda: None)
+    monkeypatch.setattr(plotly.io, "write_images", fail)
+
+    with pytest.raises(DefinitionError, match="install Chrome or Chromium"):
+        write_images(tmp_path, build_sections(read_input(database, "synthetic", DEFINITION)))
 
 
 def test_images_without_kaleido_name_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -33,8 +33,8 @@ REFRESH_S = 60.0
 """Seconds between two refreshes of figures while a study runs."""
 
 _SHARE = 0.02
-_PATIENCE_S = 30.0
-_CATCH_UP_S = 20.0
+_PATIENCE_S = 5.0
+_CATCH_UP_S = 10.0
 
 
 class DashboardSync:

@@ -25,7 +25,9 @@ def verdict_panel(report: ReportInput) -> list[Block]:
         blocks.append(_changes(verdict))
     if verdict.candidates:
         blocks.append(_candidates(verdict.candidates))
-    blocks.extend(markup.snippet(label, words) for label, words in report.snippets.items())
+    if report.snippets:
+        snippets = (markup.snippet(label, words) for label, words in report.snippets.items())
+        blocks.append(markup.element("div", *snippets, class_="snippets"))
     return [*blocks]
 
 
