@@ -3,7 +3,7 @@
 import random
 import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 
 from gtf_tune.execution import Executor
@@ -20,6 +20,7 @@ from gtf_tune.study.trial import TrialRunner
 
 _FIRST_POLL_S = 0.5
 _LONGEST_POLL_S = 10.0
+_SIGNAL_POLL_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,10 @@ class StudyWorker:
             served = [
                 pool.submit(self._serve, runner, lambda: heartbeat.holds_any or others()) for _ in range(trial_parallel)
             ]
+            # Not left to the pool, which would wait without end: a signal that reaches another thread (measured, while
+            # a process is being started) is only handled when this one wakes up.
+            while wait(served, timeout=_SIGNAL_POLL_S).not_done:
+                continue
         for one in served:
             one.result()
         return self._close_if_complete()
