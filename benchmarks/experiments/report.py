@@ -71,8 +71,9 @@ _TABLE_2 = (
 _PAPER = "Changes of the true ATE by GTF ATE and, in brackets, by ground truth, as printed; negative is better."
 _AGGREGATES = (
     'Averages over all experiments. "share of the oracle" is the part of the possible gain that the pick reaches, over '
-    f'experiments where ground truth gains more than {WORTH_FINDING:.0%}; "regressions" counts unconfirmed picks that '
-    "are worse than nominal by more than 1 %. R2 counts with the sign of the correlation."
+    f"experiments where ground truth gains more than {WORTH_FINDING:.0%} (a loss counts as -100 % at the most); "
+    '"regressions" counts unconfirmed picks that are worse than nominal by more than 1 %. R2 counts with the sign of '
+    "the correlation."
 )
 _PICKS = (
     "For each experiment 200 random choices of half of its noisy runs: change of the true ATE at the pick on average / "
@@ -143,7 +144,7 @@ def summary_table(outcomes: Sequence[Outcome]) -> Table:
         found = [(one, one.agreement(predictor)) for one in outcomes]
         changes = [outcome.change(agreement.pick) for outcome, agreement in found]
         shares = [
-            outcome.change(agreement.pick) / outcome.change(outcome.oracle)
+            max(outcome.change(agreement.pick) / outcome.change(outcome.oracle), -1.0)
             for outcome, agreement in found
             if outcome.change(outcome.oracle) < -WORTH_FINDING
         ]
