@@ -9,7 +9,7 @@ from gtf_tune.definition import StudyDefinition, definition_from_dict
 from gtf_tune.store import confirmations, runs, studies, trials, validations
 from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.database import Database
-from gtf_tune.store.runs import TrialRun
+from gtf_tune.store.runs import StoredRun, TrialRun
 from gtf_tune.store.studies import Study, StudySequence
 from gtf_tune.store.trials import Trial
 from gtf_tune.store.validations import Validation
@@ -19,18 +19,21 @@ from gtf_tune.store.validations import Validation
 class StudyData:
     """Hold a study as it is stored: its trials with their matrices, ground truth beside them, confirmations.
 
-    ``sequences`` are those that the search sees. ``details`` and ``validations`` are by the ordinal of the trial.
-    ``runs`` is empty where nobody asked for them.
+    ``sequences`` are those that the search sees, ``holdouts`` the others. ``details`` and ``validations`` are by the
+    ordinal of the trial. ``runs`` are those of trials, ``confirmation_runs`` those of confirmations; both are empty
+    where nobody asked for them.
     """
 
     study: Study
     definition: StudyDefinition
     sequences: tuple[StudySequence, ...]
+    holdouts: tuple[StudySequence, ...]
     trials: tuple[Trial, ...]
     details: Mapping[int, Mapping[str, Any]] = field(repr=False)
     validations: Mapping[int, Sequence[Validation]] = field(repr=False)
     confirmations: tuple[Confirmation, ...] = ()
     runs: tuple[TrialRun, ...] = field(default=(), repr=False)
+    confirmation_runs: tuple[StoredRun, ...] = field(default=(), repr=False)
     storage: str = ""
 
     @property
@@ -81,7 +84,7 @@ def read_trials(database: Database, name: str, ordinals: Sequence[int]) -> Study
 
 
 def read_study(database: Database, name: str) -> StudyData:
-    """Return a study with the runs of all its trials.
+    """Return a study with the runs of all its trials and confirmations.
 
     Raises
     ------
@@ -89,17 +92,24 @@ def read_study(database: Database, name: str) -> StudyData:
         There is no such study.
     """
     search = read_search(database, name)
-    return replace(search, runs=tuple(runs.of_study(database, search.study.id)))
+    keys = {key: None for one in search.confirmations for key in one.definition.get("run_keys") or ()}
+    return replace(
+        search,
+        runs=tuple(runs.of_study(database, search.study.id)),
+        confirmation_runs=tuple(runs.find(database, keys).values()),
+    )
 
 
 def _with_trials(database: Database, study: Study, found: Sequence[Trial]) -> StudyData:
     definition = definition_from_dict(json.loads(study.definition), f"study '{study.name}'")
+    known = studies.sequences(database, study.id)
     searched = {one.name for one in definition.searched_sequences}
     by_id = trials.details(database, [one.id for one in found])
     return StudyData(
         study=study,
         definition=definition,
-        sequences=tuple(one for one in studies.sequences(database, study.id) if one.name in searched),
+        sequences=tuple(one for one in known if one.name in searched),
+        holdouts=tuple(one for one in known if one.name not in searched),
         trials=tuple(found),
         details={one.ordinal: by_id.get(one.id) or {} for one in found},
         validations=validations.of_study(database, study.id),

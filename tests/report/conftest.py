@@ -158,7 +158,8 @@ def confirm(database: Database, study: Study, verdict: str, ordinal: int = BEST)
     candidate = {"ordinal": ordinal, "options": dict(OPTIONS[ordinal]), "value": 6e-4, **found, "reasons": reasons}
     candidate |= {"adjusted_p_value": 0.004, "verdict": verdict, "by_sequence": {"walk": found}}
     result = {"candidates": [candidate], "verdict": verdict, "adopted": ordinal if verdict == ADOPT else None}
-    confirmations.add(database, study.id, {"seed": 1}, result, verdict)
+    keys = [one.run.key for one in runs.of_study(database, study.id)][:3]
+    confirmations.add(database, study.id, {"run_keys": keys}, result, verdict)
 
 
 @dataclass

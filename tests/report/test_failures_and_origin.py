@@ -60,6 +60,14 @@ def test_what_a_study_depends_on_is_complete(data: StudyData) -> None:
     assert (found.seed, found.threads) == (0, (1,))
 
 
+def test_sequences_that_were_held_out_are_named_as_such(data: StudyData) -> None:
+    held_out = replace(data.sequences[0], name="other")
+
+    roles = {one.name: one.role for one in provenance(replace(data, holdouts=(held_out,))).sequences}
+
+    assert roles == {"walk": "searched", "other": "held out"}
+
+
 def test_several_versions_of_one_thing_are_all_named(data: StudyData) -> None:
     mixed = replace(data.runs[0], run=replace(data.runs[0].run, versions={"analytic": "2"}))
 

@@ -1,10 +1,12 @@
+from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
 
-from gtf_tune.report.study_data import StudyData
+from gtf_tune.report.study_data import StudyData, read_study
 from gtf_tune.report.tables.costs import OTHER, run_costs, runs_made, stage_costs, study_cost
 from gtf_tune.report.tables.timeline import lane_counts, timeline
+from gtf_tune.store.database import Database
 from gtf_tune.store.runs import StoredRun, TrialRun
 
 
@@ -29,6 +31,16 @@ def test_a_study_counts_what_it_made_and_what_it_reused(data: StudyData) -> None
     assert (cost.uses, cost.made, cost.reused, cost.failed) == (60, 58, 2, 2)
     assert cost.compute_s == pytest.approx(58 * 2.0)
     assert cost.machines == ("node-a", "node-b")
+
+
+def test_confirmations_are_counted_apart(
+    own_database: Database, confirm_study: Callable[[Database, str], None]
+) -> None:
+    confirm_study(own_database, "adopt")
+
+    cost = study_cost(read_study(own_database, "synthetic"))
+
+    assert (cost.confirmation_runs, cost.confirmation_s, cost.made) == (3, 6.0, 58)
 
 
 def test_cached_stages_cost_nothing_and_are_counted(data: StudyData) -> None:

@@ -5,7 +5,7 @@ from gtf_tune.report.figures.costs import stage_figure, timeline_figure
 from gtf_tune.report.markup import Html
 from gtf_tune.report.numbers import count, duration, memory, share
 from gtf_tune.report.panels.blocks import Block, Drawing, ReportInput
-from gtf_tune.report.tables.costs import run_costs, runs_made, stage_costs, study_cost
+from gtf_tune.report.tables.costs import StudyCost, run_costs, runs_made, stage_costs, study_cost
 from gtf_tune.report.tables.failures import RunFailure, run_failures, trial_faults
 from gtf_tune.report.tables.provenance import provenance
 from gtf_tune.report.tables.timeline import timeline
@@ -37,7 +37,7 @@ def costs_panel(report: ReportInput) -> list[Block]:
         markup.paragraph(
             f"The trials needed {count(cost.uses, 'run')}; {cost.made} were executed and {cost.reused} found in the "
             f"database. All runs together took {duration(cost.compute_s)}; from its first to its last trial the study "
-            f"took {duration(cost.elapsed_s)}, on {count(len(cost.machines), 'machine')}."
+            f"took {duration(cost.elapsed_s)}, on {count(len(cost.machines), 'machine')}.{_confirmation_text(cost)}"
         )
     ]
     stages = stage_costs([one.run for one in made])
@@ -71,6 +71,7 @@ def reproducibility_panel(report: ReportInput) -> list[Block]:
     sequences = [
         (
             one.name,
+            one.role,
             one.path,
             one.layout,
             one.frames,
@@ -82,7 +83,17 @@ def reproducibility_panel(report: ReportInput) -> list[Block]:
         )
         for one in found.sequences
     ]
-    columns = ["sequence", "path", "layout", ">frames", ">size [px]", "camera", ">noise [grey levels]", "ground truth"]
+    columns = [
+        "sequence",
+        "role",
+        "path",
+        "layout",
+        ">frames",
+        ">size [px]",
+        "camera",
+        ">noise [grey levels]",
+        "ground truth",
+    ]
     return [
         markup.table(["what", "value"], facts),
         markup.table([*columns, "fingerprint"], sequences),
@@ -100,6 +111,13 @@ def _failure(failure: RunFailure, report: ReportInput) -> Html:
     )
     shown = markup.element("pre", markup.text(excerpt)) if excerpt else markup.missing("The run printed nothing.")
     return markup.element("details", markup.element("summary", markup.text(title)), where, shown, open="")
+
+
+def _confirmation_text(cost: StudyCost) -> str:
+    if not cost.confirmation_runs:
+        return ""
+    runs = count(cost.confirmation_runs, "more run")
+    return f" Confirmations with fresh seeds took {runs} and {duration(cost.confirmation_s)}."
 
 
 def _run_table(report: ReportInput) -> Html:

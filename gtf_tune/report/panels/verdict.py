@@ -110,6 +110,8 @@ def _key_numbers(data: StudyData, verdict: Verdict, cost: StudyCost) -> Html:
     facts.append(("trials", str(len(data.trials)), _states(data)))
     facts.append(("runs", str(cost.made), f"{cost.reused} more reused, {cost.failed} failed"))
     facts.append(("computing time", duration(cost.compute_s), f"{duration(cost.elapsed_s)} elapsed"))
+    if cost.confirmation_runs:
+        facts.append(("confirmation", duration(cost.confirmation_s), count(cost.confirmation_runs, "run")))
     return markup.element("div", *(_fact(*fact) for fact in facts), class_="facts")
 
 

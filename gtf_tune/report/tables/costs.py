@@ -19,7 +19,7 @@ class StudyCost:
 
     ``uses`` counts the runs that trials needed, ``made`` those executed for them, ``reused`` those found in the
     database, ``failed`` the failed ones among ``made``. ``compute_s`` adds the seconds of the runs made, ``elapsed_s``
-    goes from the first trial's start to the last one's end.
+    goes from the first trial's start to the last one's end. Confirmations are counted apart.
     """
 
     uses: int
@@ -29,6 +29,8 @@ class StudyCost:
     compute_s: float
     elapsed_s: float
     machines: tuple[str, ...]
+    confirmation_runs: int
+    confirmation_s: float
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,8 @@ def study_cost(data: StudyData) -> StudyCost:
         compute_s=math.fsum(one.run.wall_s for one in made),
         elapsed_s=max(ended) - min(started) if ended and started else math.nan,
         machines=tuple(sorted({one.run.host for one in made if one.run.host})),
+        confirmation_runs=len(data.confirmation_runs),
+        confirmation_s=math.fsum(run.wall_s for run in data.confirmation_runs),
     )
 
 

@@ -11,6 +11,7 @@ class SequenceOrigin:
     """Hold what identifies the images of one sequence; ``sigma`` is the noise in grey levels, as text."""
 
     name: str
+    role: str
     path: str
     layout: str
     frames: int
@@ -44,6 +45,7 @@ def provenance(data: StudyData) -> Provenance:
         sequences=tuple(
             SequenceOrigin(
                 name=one.name,
+                role="searched" if one in data.sequences else "held out",
                 path=one.path,
                 layout=one.layout,
                 frames=one.num_frames,
@@ -53,7 +55,7 @@ def provenance(data: StudyData) -> Provenance:
                 sigma=str(sigmas.get(one.name, data.definition.gtf.noise_sigma)),
                 fingerprint=one.fingerprint,
             )
-            for one in data.sequences
+            for one in (*data.sequences, *data.holdouts)
         ),
         threads=tuple(sorted({one.run.threads for one in data.runs})),
     )
