@@ -32,7 +32,7 @@ check: setup ## Lint, type-check, check layers and file sizes, build the documen
 	PYTHONPATH=. $(BIN)/lint-imports
 	$(BIN)/python tests/checks/file_sizes.py
 	$(BIN)/python docs/generate.py --check
-	$(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 bench: setup ## Measure side by side and rewrite docs/performance.md
 	$(BIN)/python -m benchmarks
