@@ -5,12 +5,14 @@ from typing import Annotated
 
 import typer
 
+STORAGE_VARIABLE = "GTF_TUNE_STORAGE"
+
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 Storage = Annotated[
     str,
     typer.Option(
         "--storage",
-        envvar="GTF_TUNE_STORAGE",
+        envvar=STORAGE_VARIABLE,
         help="Database: a file, sqlite:///FILE or postgresql+psycopg://HOST/NAME.",
         show_envvar=True,
     ),

@@ -1,9 +1,12 @@
 """Open the storage that a command works on, say which one it is, and keep Optuna's own notes off the terminal."""
 
+import os
+import shlex
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 from gtf_tune.cli.console import say
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, STORAGE_VARIABLE
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
@@ -34,6 +37,14 @@ def create_storage(storage: str) -> "Database":
     _opened.callback(database.close)
     say(f"storage: {database.shown_url}")
     return database
+
+
+def storage_flag(database: "Database") -> str:
+    """Return what a suggested command needs to find the same storage: nothing, or a blank and ``--storage URL``."""
+    from gtf_tune.store.urls import display_url
+
+    usual = display_url(os.environ.get(STORAGE_VARIABLE) or DEFAULT_STORAGE)
+    return "" if database.shown_url == usual else f" --storage {shlex.quote(database.shown_url)}"
 
 
 def hush_optuna() -> None:

@@ -7,7 +7,7 @@ import typer
 
 from gtf_tune.cli.console import number, percent, permille, say, write_json, write_line, write_table
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
-from gtf_tune.cli.storage_access import hush_optuna, open_storage
+from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
 from gtf_tune.cli.study_create import Range, parse_range
 from gtf_tune.cli.values import parse_pair
 
@@ -75,7 +75,7 @@ def extend(
     else:
         derive_study(database, name, extension, new_name)
         say(f"created study '{new_name}' on the runs of '{name}'")
-    say(f"Next: gtf-tune study run {new_name or name}")
+    say(f"Next: gtf-tune study run {new_name or name}{storage_flag(database)}")
 
 
 def _write(found: "Rescored") -> None:

@@ -8,7 +8,7 @@ import typer
 from gtf_tune.cli.console import number, percent, say, write_json, write_line, write_table
 from gtf_tune.cli.executors import cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.storage_access import open_storage, storage_flag
 from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE, Places, VersionMismatch, open_for_work, place_folders
 
 if TYPE_CHECKING:
@@ -51,13 +51,14 @@ def confirm(
         try:
             found = confirm_plan(study, plan, source)
         except Interrupted:
-            say(f"stopped; the same command goes on: gtf-tune study confirm {name} --top {top} --runs {runs}")
+            again = f"gtf-tune study confirm {name} --top {top} --runs {runs}{storage_flag(database)}"
+            say(f"stopped; the same command goes on: {again}")
             raise typer.Exit(INTERRUPTED_EXIT_CODE) from None
     if json:
         write_json(found.result)
         return
     _write(found)
-    say(f"Next: gtf-tune study export {name}")
+    say(f"Next: gtf-tune study export {name}{storage_flag(database)}")
 
 
 class _Lines:

@@ -8,7 +8,7 @@ import typer
 
 from gtf_tune.cli.console import say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Settings, Storage
-from gtf_tune.cli.storage_access import create_storage, hush_optuna
+from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
 from gtf_tune.cli.values import parse_pair, parse_pairs, parse_value
 from gtf_tune.errors import DefinitionError
 
@@ -71,8 +71,7 @@ def create(
     database = create_storage(storage)
     study = create_study(database, definition, root)
     say(f"created study '{study.name}'")
-    shown = "" if storage == DEFAULT_STORAGE else f" --storage {database.shown_url}"
-    say(f"Next: gtf-tune study run {study.name}{shown}")
+    say(f"Next: gtf-tune study run {study.name}{storage_flag(database)}")
 
 
 def _base(source: str) -> tuple[dict[str, Any], Path]:

@@ -18,7 +18,7 @@ from gtf_tune.cli.console import (
     write_table,
 )
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.storage_access import open_storage, storage_flag
 from gtf_tune.cli.study_notes import warn_of_lost_frames
 
 if TYPE_CHECKING:
@@ -40,7 +40,8 @@ def list_studies(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None
     """
     from gtf_tune.store import studies
 
-    summaries = studies.summaries(open_storage(storage))
+    database = open_storage(storage)
+    summaries = studies.summaries(database)
     if json:
         write_json([vars(one) for one in summaries])
         return
@@ -58,7 +59,7 @@ def list_studies(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None
     write_table(["study", "state", ">trials", ">nominal", ">best", ">time"], rows)
     say("scores in per mille of the extent")
     if summaries:
-        say(f"Next: gtf-tune study show {summaries[-1].name}")
+        say(f"Next: gtf-tune study show {summaries[-1].name}{storage_flag(database)}")
 
 
 def show(name: StudyName, all_: All = False, json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
@@ -93,7 +94,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     if len(chosen) < len(known):
         say(f"{len(known) - len(chosen)} more trials with --all")
     warn_of_lost_frames(database, study.id)
-    say(f"Next: gtf-tune study best {name}")
+    say(f"Next: gtf-tune study best {name}{storage_flag(database)}")
 
 
 def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
@@ -117,9 +118,9 @@ def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE
     warn_of_lost_frames(database, study.id)
     if recommended.verdict == UNCONFIRMED:
         say("unconfirmed: the best of many trials looks better than it is")
-        say(f"Next: gtf-tune study confirm {name}")
+        say(f"Next: gtf-tune study confirm {name}{storage_flag(database)}")
     else:
-        say(f"Next: gtf-tune study export {name} --format colmap-ini")
+        say(f"Next: gtf-tune study export {name} --format colmap-ini{storage_flag(database)}")
 
 
 def delete(

@@ -9,7 +9,7 @@ import typer
 
 from gtf_tune.cli.console import duration, percent, permille, say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.storage_access import open_storage, storage_flag
 
 if TYPE_CHECKING:
     from gtf_tune.report.definition import ReportDefinition
@@ -78,7 +78,7 @@ def watch(
                 typer.echo(_line(trial, nominal))
         if study.state == "done":
             say(f"study '{name}' is done")
-            say(f"Next: gtf-tune study best {name}")
+            say(f"Next: gtf-tune study best {name}{storage_flag(database)}")
             return
         time.sleep(interval)
 

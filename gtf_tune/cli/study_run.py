@@ -8,7 +8,7 @@ import typer
 from gtf_tune.cli.console import say
 from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage, StudyName
-from gtf_tune.cli.storage_access import hush_optuna, open_storage
+from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
 from gtf_tune.cli.study_notes import warn_of_lost_frames
 from gtf_tune.cli.values import parse_pair
 
@@ -54,7 +54,7 @@ def run(
     study = open_for_work(database, name, sequence, allow_version_mismatch)
     check_open(study.record)
     work_on(study, make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache), trial_parallel)
-    _suggest_next(name, storage, database)
+    _suggest_next(name, database)
 
 
 def resume(
@@ -86,7 +86,7 @@ def resume(
     )
     reopen_study(database, name)
     work_on(study, make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache), trial_parallel)
-    _suggest_next(name, storage, database)
+    _suggest_next(name, database)
 
 
 def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int) -> None:
@@ -112,7 +112,7 @@ def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int) -> No
         done = StudyWorker(study, executor, stop, Several((progress, dashboard))).work(trial_parallel)
         dashboard.study_finished()
     if stop.level and not done:
-        say(f"stopped; go on with: gtf-tune study resume {study.definition.name}")
+        say(f"stopped; go on with: gtf-tune study resume {study.definition.name}{storage_flag(study.database)}")
         raise typer.Exit(INTERRUPTED_EXIT_CODE)
 
 
@@ -129,9 +129,8 @@ def place_folders(places: list[str] | None) -> dict[str, Path]:
     return {name: Path(path) for name, path in (parse_pair(text, "--sequence") for text in places or [])}
 
 
-def _suggest_next(name: str, storage: str, database: "Database") -> None:
+def _suggest_next(name: str, database: "Database") -> None:
     from gtf_tune.store import studies
 
     warn_of_lost_frames(database, studies.get(database, name).id)
-    shown = "" if storage == DEFAULT_STORAGE else f" --storage {database.shown_url}"
-    say(f"Next: gtf-tune study best {name}{shown}")
+    say(f"Next: gtf-tune study best {name}{storage_flag(database)}")

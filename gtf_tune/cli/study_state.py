@@ -2,7 +2,7 @@
 
 from gtf_tune.cli.console import say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.storage_access import open_storage, storage_flag
 
 
 def pause(name: StudyName, storage: Storage = DEFAULT_STORAGE) -> None:
@@ -12,8 +12,10 @@ def pause(name: StudyName, storage: Storage = DEFAULT_STORAGE) -> None:
     """
     from gtf_tune.study.states import pause_study
 
-    pause_study(open_storage(storage), name)
-    say(f"study '{name}' is paused: trials in work are finished; go on with: gtf-tune study resume {name}")
+    database = open_storage(storage)
+    pause_study(database, name)
+    say(f"study '{name}' is paused: trials in work are finished")
+    say(f"Next: gtf-tune study resume {name}{storage_flag(database)}")
 
 
 def stop(name: StudyName, storage: Storage = DEFAULT_STORAGE) -> None:
@@ -23,5 +25,7 @@ def stop(name: StudyName, storage: Storage = DEFAULT_STORAGE) -> None:
     """
     from gtf_tune.study.states import stop_study
 
-    stop_study(open_storage(storage), name)
-    say(f"study '{name}' is stopped: runs in flight are kept; go on with: gtf-tune study resume {name}")
+    database = open_storage(storage)
+    stop_study(database, name)
+    say(f"study '{name}' is stopped: runs in flight are kept")
+    say(f"Next: gtf-tune study resume {name}{storage_flag(database)}")

@@ -2,6 +2,8 @@ import contextlib
 import sqlite3
 from pathlib import Path
 
+import pytest
+
 from tests.cli.conftest import Cli
 
 CREATE = ("study", "create", "small", "-p", "analytic", "-s", "room", "-n", "3", "-k", "1", "-K", "3")
@@ -43,3 +45,17 @@ def test_images_are_shrunk_on_request(cli: Cli, room: Path) -> None:
     cli(*CREATE, *AXIS, "--max-image-size", "16")
 
     assert '"max_image_size": 16' in cli("study", "show", "small", "--json").out
+
+
+def test_suggested_commands_find_the_same_storage(cli: Cli, room: Path) -> None:
+    created = cli(*CREATE, *AXIS, "--storage", "other place.db")
+    paused = cli("study", "pause", "small", "--storage", "other place.db")
+
+    assert "Next: gtf-tune study run small --storage 'sqlite:///other place.db'" in created.err
+    assert "Next: gtf-tune study resume small --storage 'sqlite:///other place.db'" in paused.err
+
+
+def test_the_storage_of_the_environment_is_not_repeated(cli: Cli, room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GTF_TUNE_STORAGE", "usual.db")
+
+    assert "Next: gtf-tune study run small\n" in cli(*CREATE, *AXIS).err
