@@ -95,7 +95,7 @@ def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int) -> No
     from gtf_tune.report.dashboard.sync import DashboardSync
     from gtf_tune.study.events import Several
     from gtf_tune.study.export import setting_files
-    from gtf_tune.study.stop import StopRequest, signals_to
+    from gtf_tune.study.stop import STOP_NOW, StopRequest, signals_to
     from gtf_tune.study.worker import StudyWorker
 
     stop = StopRequest()
@@ -110,7 +110,8 @@ def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int) -> No
     ):
         dashboard.study_started()
         done = StudyWorker(study, executor, stop, Several((progress, dashboard))).work(trial_parallel)
-        dashboard.study_finished()
+        if stop.level < STOP_NOW:
+            dashboard.study_finished()
     if stop.level and not done:
         say(f"stopped; go on with: gtf-tune study resume {study.definition.name}{storage_flag(study.database)}")
         raise typer.Exit(INTERRUPTED_EXIT_CODE)

@@ -21,7 +21,7 @@ def report_instances(trial: Trial, scored: ScoredTrial) -> None:
         trial.report(value, step)
 
 
-def set_attributes(trial: Trial, scored: ScoredTrial, reference: Reference) -> None:
+def set_attributes(trial: Trial, scored: ScoredTrial, reference: Reference, wall_s: float) -> None:
     """Give Optuna the constraint and the headline numbers; short scalars only, left out where they do not exist.
 
     ``improvement_percent`` is positive where the trial beats nominal.
@@ -30,7 +30,11 @@ def set_attributes(trial: Trial, scored: ScoredTrial, reference: Reference) -> N
     # A trial that an earlier worker nearly finished has the constraint already; Optuna would warn of a second one.
     if COVERAGE_CONSTRAINT not in trial.storage.get_trial(trial._trial_id).constraints:
         trial.set_constraint(COVERAGE_CONSTRAINT, score.violation)
-    attributes: dict[str, Any] = {"coverage": round(score.coverage, 4), "noisy_runs": scored.noisy_runs}
+    attributes: dict[str, Any] = {
+        "coverage": round(score.coverage, 4),
+        "noisy_runs": scored.noisy_runs,
+        "wall_s": round(wall_s, 1),
+    }
     if score.feasible:
         attributes["gtf_ate"] = score.value
         if math.isfinite(score.standard_error):

@@ -74,9 +74,10 @@ class TrialRunner:
         if not slots.owns(database, slot):
             raise Interrupted
         runs.link(database, slot.trial_id, scored.uses)
-        set_attributes(trial, scored, reference)
+        wall_s = time.perf_counter() - started
+        set_attributes(trial, scored, reference, wall_s)
         record_side_metric(self.study, slot, trial, scored)
-        result = trial_result(scored, wall_s=time.perf_counter() - started)
+        result = trial_result(scored, wall_s)
         if self.study.mismatch:
             trial.set_user_attr("version", self.study.pipeline.version)
             result = replace(result, detail={**result.detail, "version_mismatch": self.study.mismatch})
