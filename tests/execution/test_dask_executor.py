@@ -7,13 +7,17 @@ distributed = pytest.importorskip("distributed", reason="the extra [dask] is not
 
 from gtf_tune.cli.executors import make_executor  # noqa: E402
 from gtf_tune.errors import DefinitionError, SequenceError  # noqa: E402
-from gtf_tune.execution import RunLimits  # noqa: E402
+from gtf_tune.execution import InlineExecutor, RunLimits  # noqa: E402
 from gtf_tune.execution.dask import DaskExecutor  # noqa: E402
 from gtf_tune.execution.dask_worker import DATA_ROOT_VARIABLE, checked_here  # noqa: E402
 from gtf_tune.sequence import load_sequence  # noqa: E402
+from gtf_tune.store.database import create_database  # noqa: E402
+from gtf_tune.store.digest import study_digest  # noqa: E402
+from gtf_tune.study.create import checked_definition, create_study, open_study  # noqa: E402
+from gtf_tune.study.worker import StudyWorker  # noqa: E402
 from tests.execution.doubles import Hanging, LosesItsHost, analytic, request_of  # noqa: E402
 from tests.execution.executor_contract import LIMITS, WAIT_S, ExecutorContract  # noqa: E402
-from tests.study.conftest import write_sequence  # noqa: E402
+from tests.study.conftest import definition_of, write_sequence  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -103,3 +107,15 @@ def test_a_worker_refuses_other_pixels(room: Path, tmp_path: Path, monkeypatch: 
 
     with pytest.raises(SequenceError, match="has other pixels than the study's"):
         checked_here(sequence)
+
+
+def test_a_study_on_a_cluster_finds_what_it_finds_here(executor: DaskExecutor, room: Path, tmp_path: Path) -> None:
+    digests = []
+    for runs_on in (InlineExecutor(), executor):
+        database = create_database(f"{tmp_path}/{type(runs_on).__name__}.db")
+        create_study(database, checked_definition(definition_of(room, search={"trials": 3}), "test"), room)
+        assert StudyWorker(open_study(database, "small"), runs_on).work()
+        digests.append(study_digest(database, "small"))
+        database.close()
+
+    assert digests[0] == digests[1]

@@ -127,8 +127,9 @@ class Disturbed:
 
     def kill(self, process: BaseProcess) -> None:
         """Kill a worker by SIGKILL, wait until all that it had started is gone, and note what is stored by now."""
-        family = [psutil.Process(process.pid)]
+        family: list[psutil.Process] = []
         with suppress(psutil.NoSuchProcess):
+            family.append(psutil.Process(process.pid))
             family += family[0].children(recursive=True)
         process.kill()
         process.join(PATIENCE_S)

@@ -10,7 +10,7 @@ import pytest
 from tests.faults.conftest import Disturb
 from tests.faults.disturbance import Disturbed, is_running, wait_until
 
-LONG = {"search": {"trials": 100}}
+LONG = {"search": {"trials": 200}}
 
 
 def kill_one_at_random(study: Disturbed, chance: random.Random, **plan: object) -> None:

@@ -35,7 +35,7 @@ def test_of_many_that_create_a_study_at_once_one_succeeds_and_the_others_are_tol
     storage = make_storage(backend, False)
     answers: SimpleQueue[str] = CONTEXT.SimpleQueue()
     processes: list[Any] = [
-        CONTEXT.Process(target=try_to_create, args=(storage, str(site), str(shared_room), answers)) for _ in range(4)
+        CONTEXT.Process(target=try_to_create, args=(storage, str(site), str(shared_room), answers)) for _ in range(3)
     ]
     for process in processes:
         process.start()
@@ -52,9 +52,9 @@ def test_eight_processes_keep_the_budget_and_never_see_a_locked_database(
     backend: str, disturb: Disturb, make_storage: Callable[..., str], undisturbed: Callable[..., str]
 ) -> None:
     study = disturb(make_storage(backend, True))
-    study.create(search={"trials": 20})
+    study.create(search={"trials": 12})
 
     study.finish([study.start(pause_s=0.0) for _ in range(WORKERS)])
 
-    study.check(undisturbed(search={"trials": 20}))
-    assert len(study.begun()) == len(set(study.begun())) == 20 * 4
+    study.check(undisturbed(search={"trials": 12}))
+    assert len(study.begun()) == len(set(study.begun())) == 12 * 4
