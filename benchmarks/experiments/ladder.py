@@ -23,7 +23,7 @@ from gtf_tune.study.noise_scale import NoiseScale
 from gtf_tune.trajectory import Trajectory
 
 SEQUENCES = ("dtu-scan24", "fountain-P11")
-SIGMAS = (0.5, 1.0, 2.0, 5.0)
+SIGMAS = (0.5, 1.0, 2.0, 5.0, 8.0)
 RUNS = 4
 
 
