@@ -33,9 +33,16 @@ def generate() -> ModuleType:
         return importlib.import_module("generate")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture
 def call() -> Iterator[Command]:
     """Call gtf-tune in this process with quick reconstructions and return its exit code."""
+    with quick_command_line() as command:
+        yield command
+
+
+@contextlib.contextmanager
+def quick_command_line() -> Iterator[Command]:
+    """Give a command line whose reconstructions and renderings take no time."""
     built_in = {**registry._BUILT_IN, "glomap": "tests.docs.quick_glomap:create"}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "_BUILT_IN", MappingProxyType(built_in))
@@ -56,11 +63,11 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def finished(material: Path, call: Command, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def finished(material: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the same and a finished study of the photos."""
     folder = tmp_path_factory.mktemp("finished") / "folder"
     shutil.copytree(material, folder)
-    with contextlib.chdir(folder):
+    with contextlib.chdir(folder), quick_command_line() as call:
         space = "mapper.max_normalized_reproj_error=1e-4:1e-1:log"
         assert call(["study", "create", "photos", "-s", "photos", "-r", space, "-n", "9"]) == 0
         assert call(["study", "run", "photos"]) == 0

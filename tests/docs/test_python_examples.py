@@ -9,7 +9,6 @@ import pytest
 from tests.docs.conftest import Command
 from tests.docs.pages import ROOT, Snippet, of_kind
 
-
 PAGE = (ROOT / "docs" / "python-api.md",)
 
 
