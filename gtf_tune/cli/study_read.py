@@ -68,7 +68,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     Example: gtf-tune study show photos
     """
     from gtf_tune.store import runs, studies, trials, validations
-    from gtf_tune.study.create import stored_definition
+    from gtf_tune.study.stored import stored_definition
 
     database = open_storage(storage)
     study = studies.get(database, name)
@@ -89,7 +89,8 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
         return
     _write_heading(definition, study.state, known, runs.totals(database, study.id))
     ranked = sorted(known, key=_rank)
-    chosen = ranked if all_ else [one for one in ranked if one.ordinal == 0 or one in ranked[:_SHOWN_TRIALS]]
+    first = ranked[:_SHOWN_TRIALS]
+    chosen = ranked if all_ else first + [one for one in ranked[_SHOWN_TRIALS:] if one.ordinal == 0]
     _write_trials(chosen, gt_ates)
     if len(chosen) < len(known):
         say(f"{len(known) - len(chosen)} more trials with --all")
@@ -142,8 +143,9 @@ def delete(
     say(f"deleted study '{name}'")
 
 
-def _rank(trial: "Trial") -> tuple[bool, float, int]:
-    return (not trial.feasible, trial.value if trial.value is not None else float("inf"), trial.ordinal)
+def _rank(trial: "Trial") -> tuple[bool, bool, float, int]:
+    value = trial.value if trial.value is not None else float("inf")
+    return (not trial.feasible, trial.state != "complete", value, trial.ordinal)
 
 
 def _write_heading(definition: "StudyDefinition", state: str, known: list["Trial"], cost: "RunTotals") -> None:

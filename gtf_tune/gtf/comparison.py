@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtr
 
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.gtf.collapse import far_from_median
@@ -129,4 +129,4 @@ def _log_ratios(a: GtfScore, b: GtfScore) -> FloatArray:
 def _p_value(center: float, spread: Spread) -> float:
     if spread.variance == 0:
         return 1.0 if center == 0 else 0.0
-    return float(2 * stats.t.sf(abs(center) / math.sqrt(spread.variance), spread.freedom))
+    return float(2 * stdtr(spread.freedom, -abs(center) / math.sqrt(spread.variance)))

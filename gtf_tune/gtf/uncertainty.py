@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from gtf_tune.gtf.aggregate import Aggregate, aggregate_last_axis, aggregate_matrix
 from gtf_tune.trajectory import FloatArray
@@ -42,7 +42,7 @@ class Spread:
 
     def half_width(self, confidence: float = CONFIDENCE) -> float:
         """Return half the width of the Student-t interval."""
-        return float(stats.t.ppf((1 + confidence) / 2, self.freedom)) * math.sqrt(self.variance)
+        return float(stdtrit(self.freedom, (1 + confidence) / 2)) * math.sqrt(self.variance)
 
 
 def estimate(

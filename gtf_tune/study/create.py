@@ -1,7 +1,6 @@
 """Create a study in a database, and open a stored one."""
 
 import contextlib
-import json
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,6 +21,7 @@ from gtf_tune.store.studies import NewStudy, Study, StudySequence
 from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence, make_pipeline
 from gtf_tune.study.sampler import check_search, make_pruner, make_sampler
 from gtf_tune.study.space import build_space, space_faults
+from gtf_tune.study.stored import stored_definition
 from gtf_tune.version import __version__
 
 METRIC_NAME = "GTF ATE"
@@ -109,11 +109,6 @@ def open_study(
         optuna_study=optuna_study,
         mismatch=mismatch,
     )
-
-
-def stored_definition(record: Study) -> StudyDefinition:
-    """Return the definition that is stored with a study."""
-    return definition_from_dict(json.loads(record.definition), f"study '{record.name}'")
 
 
 def refuse_taken_name(database: Database, name: str) -> None:

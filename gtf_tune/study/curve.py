@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from gtf_tune.trajectory import FloatArray
 
@@ -57,7 +57,8 @@ def next_place(curve: Curve, candidates: FloatArray) -> float:
     lowest = float(curve.mean(curve.places).min())
     deviation = curve.deviation(candidates)
     gain = (lowest - curve.mean(candidates)) / deviation
-    expected = deviation * (gain * norm.cdf(gain) + norm.pdf(gain))
+    density = np.exp(-0.5 * gain**2) / math.sqrt(2.0 * math.pi)
+    expected = deviation * (gain * ndtr(gain) + density)
     return float(candidates[int(np.argmax(expected))])
 
 

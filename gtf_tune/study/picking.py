@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtrit
 
 from gtf_tune.store import trials
 from gtf_tune.store.database import Database
@@ -66,7 +66,7 @@ def improvement(nominal: Sequence[float], best: Sequence[float]) -> Improvement:
     centre = float(logs.mean())
     if count == 1:
         return Improvement(1 - math.exp(centre), math.nan, math.nan, 1)
-    half = float(stats.t.ppf((1 + _CONFIDENCE) / 2, count - 1) * logs.std(ddof=1) / math.sqrt(count))
+    half = float(stdtrit(count - 1, (1 + _CONFIDENCE) / 2) * logs.std(ddof=1) / math.sqrt(count))
     return Improvement(1 - math.exp(centre), 1 - math.exp(centre + half), 1 - math.exp(centre - half), count)
 
 
@@ -74,5 +74,7 @@ def rank_correlation(pairs: Sequence[tuple[float, float]]) -> float:
     """Return Spearman's rank correlation of pairs; NaN for fewer than three."""
     if len(pairs) < 3:
         return math.nan
+    from scipy import stats  # takes a second to import
+
     first, second = zip(*pairs, strict=True)
     return float(stats.spearmanr(first, second).statistic)

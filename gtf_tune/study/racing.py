@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy.special import stdtr
 
 from gtf_tune.gtf.collapse import COLLAPSE_FACTOR
 
@@ -59,7 +59,7 @@ def compare(own: Sequence[float], incumbent: Sequence[float]) -> Comparison:
     freedom = USUAL_FREEDOM + common - 1
     variance = (USUAL_FREEDOM * USUAL_SPREAD**2 + float(((kept - kept.mean()) ** 2).sum())) / freedom
     t = float(kept.mean()) / math.sqrt(variance / common)
-    return Comparison(common, float(kept.mean()), float(stats.t.sf(t, freedom)), float(stats.t.cdf(t, freedom)))
+    return Comparison(common, float(kept.mean()), float(stdtr(freedom, -t)), float(stdtr(freedom, t)))
 
 
 def _log_ratios(own: Sequence[float], incumbent: Sequence[float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

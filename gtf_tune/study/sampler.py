@@ -35,7 +35,7 @@ def make_sampler(search: SearchDefinition, ordinal: int) -> BaseSampler:
         "tpe": lambda: TPESampler(seed=seed),
         "refine": RefineSampler,
         "gp": lambda: GPSampler(seed=seed, deterministic_objective=False),
-        "cmaes": lambda: CmaEsSampler(seed=seed),
+        "cmaes": lambda: CmaEsSampler(seed=seed, warn_independent_sampling=False),
         "qmc": lambda: QMCSampler(seed=seeds.sampler_seed(0), warn_independent_sampling=False),
         "random": lambda: RandomSampler(seed=seed),
         "grid": lambda: RandomSampler(seed=seed),
