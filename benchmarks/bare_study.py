@@ -1,0 +1,156 @@
+"""Run the search loop of a study without database and processes, to repeat it many times.
+
+Samplers, seeds, run planner, pipeline, score, feasibility and sizing are those of the package; only the bookkeeping is
+left out. The tests of the study loop show that the bookkeeping changes no decision.
+"""
+
+import itertools
+import math
+import tempfile
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import optuna
+from optuna.trial import TrialState
+
+from gtf_tune.definition import StudyDefinition, definition_from_dict
+from gtf_tune.execution import FreshStages
+from gtf_tune.pipelines import OptionValue, PipelineJob, create_pipeline
+from gtf_tune.pipelines.analytic import expected_error, imaginary_sequence
+from gtf_tune.pipelines.run import RunKind
+from gtf_tune.study.objective import FinishedRun, SequenceScore, score_sequence
+from gtf_tune.study.plan import RunPlanner
+from gtf_tune.study.sampler import make_sampler
+from gtf_tune.study.seeds import SeedSource
+from gtf_tune.study.sizing import Decision, Sizing, Standing, sizing_of
+from gtf_tune.study.space import SearchSpace, build_space
+
+SEQUENCE = imaginary_sequence(50)
+_SIGMA = 5.0
+
+optuna.logging.set_verbosity(optuna.logging.WARNING)
+
+
+@dataclass(frozen=True)
+class Step:
+    """Hold how a search stood after one trial: runs spent so far, and the true error of its pick."""
+
+    runs: int
+    true_error: float
+
+
+@dataclass
+class BareStudy:
+    """Search on the analytic pipeline; iterating over it makes one trial after another."""
+
+    definition: StudyDefinition
+    space: SearchSpace = field(init=False)
+    sizing: Sizing = field(init=False)
+    runs: int = 0
+    best: float = math.inf
+    pick: Mapping[str, OptionValue] = field(default_factory=dict)
+    incumbent: tuple[float, ...] = ()
+    floor: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.pipeline = create_pipeline("analytic", self.definition.pipeline.settings)
+        self.space = build_space(self.definition, self.pipeline.options)
+        self.sizing = sizing_of(self.definition)
+        self.planner = RunPlanner(
+            self.pipeline,
+            self.definition.gtf,
+            SeedSource(self.definition.search.seed),
+            self.definition.pipeline.options,
+        )
+        self.study = optuna.create_study()
+
+    def __iter__(self) -> Iterator[Step]:
+        grid = self.space.grid() if self.definition.search.sampler == "grid" else itertools.repeat(None)
+        points = itertools.chain([self.space.nominal], grid)
+        for ordinal, fixed in enumerate(points):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                self._trial(ordinal, fixed)
+            yield Step(self.runs, expected_error({**self.definition.pipeline.options, **self.pick}))
+
+    def _trial(self, ordinal: int, fixed: Mapping[str, Any] | None) -> None:
+        self.study.sampler = make_sampler(self.definition.search, ordinal)
+        if fixed is not None:
+            self.study.enqueue_trial(dict(fixed))
+        trial = self.study.ask()
+        options = self.space.suggest(trial)
+        score, decision = self._score(ordinal, options)
+        trial.set_constraint("coverage", score.violation)
+        if score.score is None or not score.feasible:
+            self.study.tell(trial, 2.0 - score.coverage)
+            return
+        instances = tuple(score.score.instance_values.tolist())
+        for step, value in enumerate(instances):
+            trial.report(value, step)
+        value = score.score.value
+        if decision.hopeless:
+            self.study._storage.set_trial_state_values(trial._trial_id, TrialState.PRUNED, [value])
+            return
+        self.study.tell(trial, value)
+        if value < self.best:
+            self.best, self.pick, self.incumbent = value, options, instances
+
+    def _score(self, ordinal: int, options: Mapping[str, OptionValue]) -> tuple[SequenceScore, Decision]:
+        clean = [self._run(options, ("clean", index)) for index in range(self.definition.gtf.clean_runs)]
+        coverage = min(len(run.trajectory) for run in clean) / len(SEQUENCE)
+        if ordinal == 0:
+            self.floor = self.definition.gtf.coverage_floor * coverage
+        noisy: list[FinishedRun] = []
+        decision = Decision(self.sizing.first(is_nominal=ordinal == 0))
+        score = SequenceScore(None, coverage, self.floor - coverage)
+        while coverage >= self.floor and len(noisy) < decision.noisy_runs:
+            noisy += [self._run(options, ("noisy", index)) for index in range(len(noisy), decision.noisy_runs)]
+            score = score_sequence(clean, noisy, num_frames=len(SEQUENCE), floor=self.floor, gtf=self.definition.gtf)
+            own = score.score.instance_values.tolist() if score.score and score.feasible else []
+            decision = self.sizing.next(Standing(own, self.incumbent))
+        return score, decision
+
+    def _run(self, options: Mapping[str, OptionValue], run: tuple[RunKind, int]) -> FinishedRun:
+        self.runs += 1
+        request = self.planner.request(SEQUENCE, options, run, sigma=_SIGMA, ordinal=0)
+        job = PipelineJob(
+            images=request.images,
+            camera=None,
+            options=request.options,
+            seed=request.seed,
+            threads=1,
+            workspace=Path(tempfile.gettempdir()),
+            stages=_NO_STAGES,
+        )
+        return FinishedRun(self.pipeline.run(job).trajectory)
+
+
+with FreshStages().open(Path(tempfile.gettempdir())) as _stages:
+    _NO_STAGES = _stages
+
+
+def define(space: Mapping[str, Any], gtf: Mapping[str, Any], search: Mapping[str, Any]) -> StudyDefinition:
+    """Return the definition of a study of the analytic pipeline with intrinsics held fixed."""
+    return definition_from_dict(
+        {
+            "name": "bare",
+            "pipeline": {"name": "analytic", "options": {"refine.intrinsics": False}},
+            "sequences": [{"name": "imaginary", "path": "nowhere"}],
+            "space": dict(space),
+            "gtf": {"noise_sigma": _SIGMA, "aggregate": "median", **gtf},
+            "search": dict(search),
+        }
+    )
+
+
+def search(definition: StudyDefinition, budget: int) -> list[Step]:
+    """Return the steps of a search until it has spent ``budget`` runs or tried its whole grid."""
+    steps: list[Step] = []
+    for step in BareStudy(definition):
+        if step.runs > budget and steps:
+            break
+        steps.append(step)
+    return steps

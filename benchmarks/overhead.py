@@ -1,0 +1,122 @@
+"""Measure the wall time of a study that its pipeline does not account for, per run."""
+
+import tempfile
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from benchmarks.images import FIXED_OPTIONS, in_words, room
+from benchmarks.section import Aim, Effort, Section
+from gtf_tune.execution import LocalExecutor, StageCache
+from gtf_tune.sequence import Sequence
+from gtf_tune.store.database import create_database
+from gtf_tune.store.runs import StoredRun
+from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.evaluation import RunSlot
+from gtf_tune.study.events import Silent
+from gtf_tune.study.worker import StudyWorker
+
+AIM_MS = 50.0
+AIM_SHARE = 0.02
+
+
+class RunTimes(Silent):
+    """Add up what runs took, in their process and inside the pipeline's own stages."""
+
+    def __init__(self) -> None:
+        self.runs = 0
+        self.in_process_s = 0.0
+        self.in_stages_s = 0.0
+
+    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
+        del slot, reused
+        self.runs += 1
+        self.in_process_s += run.wall_s
+        stages = [float(value) for name, value in run.diagnostics.items() if name.endswith("_s")]
+        self.in_stages_s += sum(stages) if stages else run.wall_s
+
+
+@dataclass(frozen=True)
+class StudyTime:
+    """Hold the wall time of a study by where it went, in seconds per run."""
+
+    runs: int
+    wall_s: float
+    in_process_s: float
+    in_stages_s: float
+    outside_ms: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "outside_ms", 1e3 * (self.wall_s - self.in_stages_s) / self.runs)
+
+
+def run(effort: Effort) -> Section:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        images = room(folder)
+        analytic = time_study(folder, _analytic(images), effort.pick(30, 100))
+        glomap = time_study(folder, _glomap(images), effort.pick(4, 12))
+    share = glomap.outside_ms / 1e3 / (glomap.wall_s / glomap.runs)
+    return Section(
+        title="Overhead: wall time outside the pipeline",
+        text=(
+            f"A study on {in_words(images)} with one job, on SQLite, by TPE: wall time per run, the part of it inside "
+            "the run's process, and what remains outside the stages of the pipeline: asking the sampler, starting the "
+            "run, checking cached stages, scoring, storing. The analytic pipeline computes its result in well under a "
+            "millisecond."
+        ),
+        header=("pipeline", "runs", "a run", "in its process", "outside the stages"),
+        rows=tuple(_row(name, one) for name, one in (("analytic", analytic), ("glomap", glomap))),
+        aims=(
+            _aim(f"at most {AIM_MS:g} ms a run", f"{analytic.outside_ms:.0f} ms", analytic.outside_ms <= AIM_MS),
+            _aim(f"at most {AIM_SHARE:.0%} of a glomap run", f"{share:.1%}", share <= AIM_SHARE),
+        ),
+    )
+
+
+def time_study(folder: Path, definition: Mapping[str, Any], trials: int) -> StudyTime:
+    """Run a study of so many trials after one that warms up, and return where its time went."""
+    database = create_database(str(folder / f"{definition['name']}.db"))
+    times = RunTimes()
+    with LocalExecutor(stages=StageCache(folder / "cache"), scratch=folder / "scratch") as executor:
+        for name, count, listener in (("warm-up", 1, Silent()), (definition["name"], trials, times)):
+            data = {**definition, "name": name, "search": {"sampler": "tpe", "trials": count, "seed": count}}
+            create_study(database, checked_definition(data, name), folder)
+            study = open_study(database, name)
+            began = time.perf_counter()
+            StudyWorker(study, executor, listener=listener).work()
+            wall_s = time.perf_counter() - began
+    database.close()
+    return StudyTime(times.runs, wall_s, times.in_process_s, times.in_stages_s)
+
+
+def _analytic(images: Sequence) -> dict[str, Any]:
+    return {
+        "name": "analytic",
+        "pipeline": {"name": "analytic"},
+        "sequences": [{"name": "room", "path": str(images.root)}],
+        "space": {"robust.scale": {"low": 0.01, "high": 10.0, "log": True}},
+        "gtf": {"clean_runs": 2, "noisy_runs": 6, "noise_sigma": 5.0},
+    }
+
+
+def _glomap(images: Sequence) -> dict[str, Any]:
+    return {
+        "name": "glomap",
+        "pipeline": {"name": "glomap", "options": FIXED_OPTIONS},
+        "sequences": [{"name": "room", "path": str(images.root)}],
+        "space": {"mapper.max_normalized_reproj_error": {"low": 2e-3, "high": 0.1, "log": True}},
+        "gtf": {"clean_runs": 2, "noisy_runs": 2, "noise_sigma": 5.0},
+    }
+
+
+def _row(name: str, found: StudyTime) -> tuple[str, ...]:
+    each = (found.wall_s / found.runs, found.in_process_s / found.runs)
+    return (name, str(found.runs), *(f"{1e3 * one:.1f} ms" for one in each), f"{found.outside_ms:.1f} ms")
+
+
+def _aim(wanted: str, measured: str, met: bool) -> Aim:
+    bound = "" if met else "It is bound by the commits of a trial and by the checksums of cached stages."
+    return Aim(wanted, measured, met, bound)

@@ -1,0 +1,207 @@
+"""Count the runs that samplers need to come within 5 % of the optimum of a full grid, on the analytic pipeline.
+
+Every seed has other noise and other bounds of its axes, so that no grid lies well by design. A search has arrived when
+the true error of its pick stays within 5 % of that of the best point of the grid, until its budget ends. The truth is
+known here from the formula of the pipeline; the search does not see it.
+"""
+
+import importlib.util
+import itertools
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from benchmarks.bare_study import Step, define, search
+from benchmarks.section import Aim, Effort, Section, median
+from gtf_tune.pipelines.analytic import expected_error
+
+CLOSE = 1.05
+FIXED = {"noisy_runs": 6}
+ADAPTIVE = {"noisy_runs": {"min": 3, "max": 12}}
+CLEAN_RUNS = 2
+AIM_SHARE = 0.25
+
+
+@dataclass(frozen=True)
+class Case:
+    """Hold a space by its number of options, and how many points its grid takes along each."""
+
+    name: str
+    points: Mapping[str, int]
+    budget: int
+
+    def space(self, seed: int) -> dict[str, Any]:
+        """Return the axes with the bounds of one seed; nominal and the optimum lie inside."""
+        generator = np.random.default_rng([7, seed])
+        low_error, low_scale = generator.uniform(-4.6, -3.0), generator.uniform(-2.6, -1.0)
+        low_ratio = generator.uniform(0.52, 0.65)
+        axes: dict[str, Any] = {
+            "filter.max_error": {"low": 10**low_error, "high": 10 ** (low_error + 3.0), "log": True},
+            "robust.scale": {"low": 10**low_scale, "high": 10 ** (low_scale + 3.0), "log": True},
+            "matching.max_ratio": {"low": low_ratio, "high": low_ratio + 0.3},
+            "tracks.min_length": {"low": 2, "high": 8},
+            "robust.kernel": {"values": ["trivial", "huber", "cauchy"]},
+        }
+        return {
+            name: axes[name] | ({"points": count} if "values" not in axes[name] else {})
+            for name, count in self.points.items()
+        }
+
+    def grid_runs(self) -> int:
+        """Return the runs of the full grid, nominal included."""
+        return (math.prod(self.points.values()) + 1) * (CLEAN_RUNS + FIXED["noisy_runs"])
+
+    def best_on_grid(self, seed: int) -> float:
+        """Return the smallest true error of any point of the grid."""
+        axes = [_values(axis) for axis in self.space(seed).values()]
+        points = itertools.product(*axes)
+        return min(
+            expected_error({"refine.intrinsics": False, **dict(zip(self.points, p, strict=True))}) for p in points
+        )
+
+
+CASES = (
+    Case("1 option", {"filter.max_error": 12}, 160),
+    Case("2 options", {"filter.max_error": 12, "robust.scale": 12}, 500),
+    Case(
+        "5 options",
+        {
+            "filter.max_error": 6,
+            "robust.scale": 6,
+            "matching.max_ratio": 4,
+            "tracks.min_length": 7,
+            "robust.kernel": 3,
+        },
+        1200,
+    ),
+)
+
+METHODS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "random": ("random", FIXED),
+    "quasi-random": ("qmc", FIXED),
+    "TPE": ("tpe", FIXED),
+    "TPE, adaptive sizing": ("tpe", ADAPTIVE),
+    "refine": ("refine", FIXED),
+    "refine, adaptive sizing": ("refine", ADAPTIVE),
+    "CMA-ES": ("cmaes", FIXED),
+    "GP": ("gp", FIXED),
+}
+
+
+def methods(case: Case) -> list[str]:
+    """Return the methods that can search a case on this machine."""
+    packages = {"gp": "torch", "cmaes": "cmaes"}
+    names = [
+        name
+        for name, (sampler, _) in METHODS.items()
+        if sampler not in packages or importlib.util.find_spec(packages[sampler])
+    ]
+    if len(case.points) > 1:
+        return [name for name in names if not name.startswith("refine")]
+    return [name for name in names if name != "CMA-ES"]
+
+
+def arrival(steps: list[Step], goal: float) -> float:
+    """Return the runs after which the pick stays within 5 % of a true error, infinity where it does not."""
+    far = [index for index, step in enumerate(steps) if step.true_error > CLOSE * goal]
+    first = far[-1] + 1 if far else 0
+    return steps[first].runs if first < len(steps) else math.inf
+
+
+def measure(case: Case, name: str, seeds: int) -> list[float]:
+    """Return the arrivals of one method for every seed."""
+    sampler, gtf = METHODS[name]
+    found: list[float] = []
+    for seed in range(seeds):
+        definition = define(
+            case.space(seed), {"clean_runs": CLEAN_RUNS, **gtf}, {"sampler": sampler, "seed": seed, "trials": 10_000}
+        )
+        found.append(arrival(search(definition, case.budget), case.best_on_grid(seed)))
+    return found
+
+
+def run(effort: Effort) -> Section:
+    seeds = effort.pick(4, 10)
+    rows: list[tuple[str, ...]] = []
+    shares: dict[tuple[str, str], float] = {}
+    for case in CASES:
+        rows.append((case.name, "full grid", str(case.grid_runs()), "", "1.00"))
+        for name in methods(case):
+            found = measure(case, name, seeds)
+            shares[case.name, name] = median(found) / case.grid_runs()
+            rows.append(_row(case, name, found))
+    return Section(
+        title="Runs until the pick is within 5 % of the full grid's optimum",
+        text=(
+            f"Analytic pipeline, {seeds} seeds with bounds of their own, median over seeds. Fixed sizing: k = 2, "
+            "k_delta = 6; adaptive sizing: k_delta = 3 to 12. A search has arrived when the true error of its pick "
+            "stays within 5 % of that of the grid's best point until the budget ends. GP is measured where torch is "
+            "installed."
+        ),
+        header=("space", "search", "runs, median", "seeds that arrived", "share of the grid's runs"),
+        rows=tuple(rows),
+        aims=tuple(_aim(case, shares) for case in CASES),
+        conclusion=_conclusion(shares),
+    )
+
+
+def _conclusion(shares: Mapping[tuple[str, str], float]) -> str:
+    """Say which sampler is the default and why, with the figures."""
+    one, two, five = (
+        {name: share for (case, name), share in shares.items() if case == wanted.name} for wanted in CASES
+    )
+    return (
+        "The default for one option is `refine`: a few even steps, then where a Gaussian process expects the largest "
+        f"improvement. It arrives with {_share(one['refine'])} of the grid's runs, TPE, whose first ten trials are "
+        f"random, with {_share(one['TPE'])}. For several options it is TPE: {_share(two['TPE'])} and "
+        f"{_share(five['TPE'])} of the grid's runs for two and five options, {_share(two['TPE, adaptive sizing'])} and "
+        f"{_share(five['TPE, adaptive sizing'])} with adaptive sizing, against {_share(two['random'])} and "
+        f"{_share(five['random'])} by random search. CMA-ES does well on the smooth bowl that the analytic pipeline "
+        "is, but knows no words or switches, which real pipelines have; GP needs torch, takes seconds to think, and "
+        "like CMA-ES ignores trials that were stopped early. Adaptive sizing pays where many settings are hopeless; nominal "
+        "and the pick take all of its runs, which is why it does not pay on a single option."
+    )
+
+
+def _share(share: float) -> str:
+    return f"{share:.2g}" if math.isfinite(share) else "more than was spent"
+
+
+def _row(case: Case, name: str, found: list[float]) -> tuple[str, ...]:
+    middle = median(found)
+    arrived = sum(math.isfinite(one) for one in found)
+    if not math.isfinite(middle):
+        return (
+            case.name,
+            name,
+            f"over {case.budget}",
+            f"{arrived} of {len(found)}",
+            f"over {case.budget / case.grid_runs():.2g}",
+        )
+    return (case.name, name, f"{middle:.0f}", f"{arrived} of {len(found)}", f"{middle / case.grid_runs():.2g}")
+
+
+def _aim(case: Case, shares: Mapping[tuple[str, str], float]) -> Aim:
+    own = ("refine", "refine, adaptive sizing") if len(case.points) == 1 else ("TPE", "TPE, adaptive sizing")
+    name = min(own, key=lambda one: shares[case.name, one])
+    share = shares[case.name, name]
+    met = share <= AIM_SHARE
+    reached = f"{share:.2g} of them" if math.isfinite(share) else f"not within {case.budget} runs in half of the seeds"
+    return Aim(
+        wanted=f"{case.name}: within 5 % of the grid's optimum with at most 1/4 of its runs",
+        measured=f"{reached} by {name}",
+        met=met,
+        bound="" if met else f"A quarter of this grid is {case.grid_runs() * AIM_SHARE:.0f} runs.",
+    )
+
+
+def _values(axis: Mapping[str, Any]) -> list[Any]:
+    if "values" in axis:
+        return list(axis["values"])
+    if isinstance(axis["low"], int):
+        return list(range(axis["low"], axis["high"] + 1))
+    spaced: Callable[..., Any] = np.geomspace if axis.get("log") else np.linspace
+    return list(spaced(axis["low"], axis["high"], axis["points"]).tolist())
