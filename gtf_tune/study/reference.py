@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from gtf_tune.alignment import MIN_MATCHED
 from gtf_tune.errors import StorageError
@@ -27,8 +28,9 @@ class Reference:
 def read_reference(study: OpenStudy, ordinal: int) -> Reference:
     """Return what the trial in slot ``ordinal`` is compared with.
 
-    The coverage floor is the definition's fraction of what the nominal setting registers in its clean runs, and never
-    less than the four frames that an alignment needs.
+    The coverage floor is the definition's fraction of the least that any run of the nominal setting registers, noisy
+    ones included, so that nominal itself reaches it; where a nominal run failed, of its clean runs. It is never less
+    than the four frames that an alignment needs.
 
     Raises
     ------
@@ -41,7 +43,7 @@ def read_reference(study: OpenStudy, ordinal: int) -> Reference:
     nominal = trials.get(study.database, study.record.id, 0)
     detail = trials.details(study.database, [nominal.id])[nominal.id]["sequences"]
     share = study.definition.gtf.coverage_floor
-    floors = {name: max(least[name], share * detail[name]["coverage_nominal"]) for name in study.sequences}
+    floors = {name: max(least[name], share * _nominal_coverage(detail[name])) for name in study.sequences}
     scores = {name: detail[name]["value"] for name in study.sequences if detail[name]["value"] is not None}
     if len(study.sequences) > 1 and len(scores) < len(study.sequences):
         missing = sorted(set(study.sequences) - set(scores))
@@ -51,6 +53,10 @@ def read_reference(study: OpenStudy, ordinal: int) -> Reference:
         )
     value = nominal.value if nominal.feasible else None
     return Reference(floors, scores, value, _incumbent(study, ordinal))
+
+
+def _nominal_coverage(detail: Mapping[str, Any]) -> float:
+    return float(detail["coverage"] or detail["coverage_nominal"])
 
 
 def _incumbent(study: OpenStudy, ordinal: int) -> tuple[float, ...]:

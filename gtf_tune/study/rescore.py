@@ -66,7 +66,7 @@ def rescore(database: Database, name: str, changes: Mapping[str, Any]) -> Rescor
     uses: dict[int, list[TrialRun]] = defaultdict(list)
     for use in runs.of_study(database, study.id):
         uses[use.ordinal].append(use)
-    nominal_coverage = _clean_coverage(uses[0])
+    nominal_coverage = _least_coverage(uses[0])
     scores: dict[int, TrialScore] = {}
     nominal_values: dict[str, float] = {}
     for trial in known:
@@ -104,10 +104,12 @@ def _score_sequences(
     return scores
 
 
-def _clean_coverage(uses: list[TrialRun]) -> dict[str, float]:
+def _least_coverage(uses: list[TrialRun]) -> dict[str, float]:
+    """Return the least coverage of nominal's runs by sequence, of its clean ones where a run failed."""
+    failed = {use.sequence_name for use in uses if use.run.status == "failed"}
     coverage: dict[str, float] = {}
     for use in uses:
-        if use.run.kind == "clean":
+        if use.run.kind == "clean" or use.sequence_name not in failed:
             coverage[use.sequence_name] = min(use.run.coverage, coverage.get(use.sequence_name, 1.0))
     return coverage
 
