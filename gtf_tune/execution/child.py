@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import platform
+import signal
 import time
 import traceback
 
@@ -44,6 +45,16 @@ def execute(request: RunRequest, limits: RunLimits, paths: RunPaths, store: Stag
         versions=versions_of(request),
         log=paths.read_log_tail() if error else "",
     )
+
+
+def execute_in_worker(request: RunRequest, limits: RunLimits, paths: RunPaths, store: StageStore) -> RunOutcome:
+    """Run the pipeline once in a process of the executor's own; see `execute`.
+
+    Importing pycolmap, which unpickling the request does, installs a handler that prints a stack trace on SIGTERM, the
+    signal by which a worker process is told to end.
+    """
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    return execute(request, limits, paths, store)
 
 
 def versions_of(request: RunRequest) -> dict[str, str]:

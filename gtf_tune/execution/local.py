@@ -15,7 +15,7 @@ from pebble import ProcessExpired, ProcessPool
 
 from gtf_tune.errors import StorageError
 from gtf_tune.execution.base import RunLimits
-from gtf_tune.execution.child import execute, versions_of
+from gtf_tune.execution.child import execute_in_worker, versions_of
 from gtf_tune.execution.paths import RunPaths, Scratch, default_cache_folder
 from gtf_tune.execution.stages import FreshStages, StageStore
 from gtf_tune.execution.workers import Workers
@@ -143,7 +143,9 @@ class LocalExecutor:
         arguments = (item.request, item.limits, item.paths, self._stages)
         item.pool = self._workers.take()
         try:
-            started: Future[RunOutcome] = item.pool.schedule(execute, args=arguments, timeout=item.limits.timeout_s)
+            started: Future[RunOutcome] = item.pool.schedule(
+                execute_in_worker, args=arguments, timeout=item.limits.timeout_s
+            )
         except RuntimeError as error:  # the idle process was killed this very moment
             started = Future()
             started.set_exception(BrokenProcessPool(str(error)))
