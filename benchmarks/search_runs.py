@@ -75,7 +75,7 @@ CASES = (
             "tracks.min_length": 7,
             "robust.kernel": 3,
         },
-        1200,
+        4000,
     ),
 )
 
@@ -161,8 +161,8 @@ def _conclusion(shares: Mapping[tuple[str, str], float]) -> str:
         f"{_share(five['TPE, adaptive sizing'])} with adaptive sizing, against {_share(two['random'])} and "
         f"{_share(five['random'])} by random search. CMA-ES does well on the smooth bowl that the analytic pipeline "
         "is, but knows no words or switches, which real pipelines have; GP needs torch, takes seconds to think, and "
-        "like CMA-ES ignores trials that were stopped early. Adaptive sizing pays where many settings are hopeless; nominal "
-        "and the pick take all of its runs, which is why it does not pay on a single option."
+        "like CMA-ES ignores trials that were stopped early. Adaptive sizing pays where many settings are hopeless; "
+        "nominal and the pick take all of its runs, which is why it does not pay on a single option."
     )
 
 
