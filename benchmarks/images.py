@@ -22,7 +22,7 @@ def fountain() -> Sequence | None:
 def room(folder: Path) -> Sequence:
     """Return a small rendered room below a folder, drawing it the first time."""
     if not (folder / "room").exists():
-        render_room(folder / "room", RoomSpec())
+        render_room(folder / "room", RoomSpec(num_frames=12, width=320, height=240))
     return load_sequence(folder / "room", "rendered room")
 
 
