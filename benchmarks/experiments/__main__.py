@@ -6,8 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from benchmarks.experiments.ablation import ablation, swept_elsewhere
+from benchmarks.experiments.findings import Findings
+from benchmarks.experiments.joint import SEQUENCES as JOINT_SEQUENCES
+from benchmarks.experiments.joint import read_joint, run_joint
 from benchmarks.experiments.ladder import SEQUENCES as LADDER_SEQUENCES
 from benchmarks.experiments.ladder import Ladder, NotMeasuredError, read_ladder, run_ladder
 from benchmarks.experiments.measure import Bench, data_folders, run_confirmation, run_grid
@@ -18,9 +22,12 @@ from benchmarks.experiments.plan import (
     batches,
     experiments,
     many_noisy_runs,
+    other_sigmas,
+    traps,
 )
-from benchmarks.experiments.report import Findings, write_results
+from benchmarks.experiments.report import write_results
 from benchmarks.experiments.settings import Outcome, read_outcome
+from benchmarks.experiments.stored import outcome_from, stored_results
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.study.evaluation import Interrupted
 from gtf_tune.study.stop import StopRequest, signals_to
@@ -41,35 +48,56 @@ def main() -> None:
 
 
 def _measure(bench: Bench, planned: list[Experiment], confirmation_runs: int) -> None:
+    folders = bench.folders
     with signals_to(bench.stop, print), suppress(Interrupted):
         for batch in batches(planned):
-            for experiment in batch:
-                _timed(experiment.study, partial(run_grid, bench, experiment))
+            _grids(bench, batch)
             for experiment in batch:
                 name = f"{experiment.study} confirmation"
                 _timed(name, partial(run_confirmation, bench, experiment, confirmation_runs))
-            _write(bench, bench.folders)
-        for experiment in many_noisy_runs(bench.folders):
-            _timed(experiment.study, partial(run_grid, bench, experiment))
-        for name in (name for name in LADDER_SEQUENCES if name in bench.folders):
+            _write(bench, folders)
+        _grids(bench, traps(folders))
+        for name in (name for name in JOINT_SEQUENCES if name in folders):
+            _timed(f"joint search on {name}", partial(run_joint, bench, name, confirmation_runs))
+        _grids(bench, [*many_noisy_runs(folders), *other_sigmas(folders), *ablation(folders)])
+        for name in (name for name in LADDER_SEQUENCES if name in folders):
             _timed(f"noise ladder of {name}", partial(run_ladder, bench, name))
-        for experiment in ablation(bench.folders):
-            _timed(experiment.study, partial(run_grid, bench, experiment))
+
+
+def _grids(bench: Bench, planned: Sequence[Experiment]) -> None:
+    for experiment in planned:
+        _timed(experiment.study, partial(run_grid, bench, experiment))
 
 
 def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
     """Write the results as far as there are any, also in the middle of the work."""
-    table, many, single = experiments(folders), many_noisy_runs(folders), ablation(folders)
-    read = partial(_read_all, bench.database)
+    table, single = experiments(folders), ablation(folders)
+    others = [many_noisy_runs(folders), other_sigmas(folders), traps(folders)]
+    read = partial(_read_all, bench.database, stored_results(DOCS / "results.json"))
+    outcomes = read(table)
+    many, weaker, trapped = map(read, others)
     ladders, missing_ladders = _ladders(bench, folders)
-    done = {one.experiment.study for one in read([*table, *many, *single])}
-    missing = [one.study for one in (*table, *many, *single) if one.study not in done]
+    found = [read_joint(bench.database, name) for name in JOINT_SEQUENCES]
+    joints = [one for one in found if one is not None]
     ablated = read([*single, *swept_elsewhere(folders)])
-    write_results(Findings(read(table), read(many), ablated, ladders, [*missing, *missing_ladders]), DOCS)
+    done = {one.experiment.study for one in (*outcomes, *many, *weaker, *trapped, *ablated)}
+    missing = [one.study for group in (table, *others, single) for one in group if one.study not in done]
+    missing += [f"joint search on {name}" for name in JOINT_SEQUENCES if name not in {one.sequence for one in joints}]
+    write_results(
+        Findings(outcomes, many, weaker, trapped, ablated, joints, ladders, [*missing, *missing_ladders]), DOCS
+    )
 
 
-def _read_all(database: Database, planned: Sequence[Experiment]) -> list[Outcome]:
-    return [outcome for one in planned if (outcome := read_outcome(database, one)) is not None]
+def _read_all(
+    database: Database, stored: Mapping[str, Mapping[str, Any]], planned: Sequence[Experiment]
+) -> list[Outcome]:
+    """Return finished experiments from the database, else from the results that are written already."""
+    found = [read_outcome(database, one) or _stored(stored, one) for one in planned]
+    return [one for one in found if one is not None]
+
+
+def _stored(stored: Mapping[str, Mapping[str, Any]], experiment: Experiment) -> Outcome | None:
+    return outcome_from(stored[experiment.study], experiment) if experiment.study in stored else None
 
 
 def _ladders(bench: Bench, folders: Mapping[str, Path]) -> tuple[list[Ladder], list[str]]:

@@ -22,7 +22,7 @@ from gtf_tune.study.noise import NoiseProbe, ObtainTrajectories, stored_trajecto
 from gtf_tune.study.noise_scale import NoiseScale
 from gtf_tune.trajectory import Trajectory
 
-SEQUENCES = ("dtu-scan24", "fountain-P11")
+SEQUENCES = ("dtu-scan24", "fountain-P11", "hut")
 SIGMAS = (0.5, 1.0, 2.0, 5.0, 8.0)
 RUNS = 4
 

@@ -4,6 +4,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from benchmarks.experiments.plan import TOP, Experiment
 from gtf_tune.execution import LocalExecutor, StageCache, default_cache_folder
@@ -13,7 +14,6 @@ from gtf_tune.study.confirm import confirm, plan_confirmation
 from gtf_tune.study.create import checked_definition, create_study, open_study
 from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
 from gtf_tune.study.events import Silent
-from gtf_tune.study.opened import OpenStudy
 from gtf_tune.study.stop import StopRequest
 from gtf_tune.study.worker import StudyWorker
 
@@ -46,26 +46,30 @@ def local_executor(jobs: int) -> LocalExecutor:
 
 def run_grid(bench: Bench, experiment: Experiment) -> None:
     """Complete the study of one experiment, or raise `Interrupted`."""
-    with local_executor(bench.jobs) as executor:
-        done = StudyWorker(opened(bench, experiment), executor, bench.stop).work()
-    if not done:
-        raise Interrupted
+    finish_study(bench, experiment.study, experiment.definition(bench.folders[experiment.sequence]))
 
 
 def run_confirmation(bench: Bench, experiment: Experiment, noisy_runs: int) -> None:
     """Confirm the best settings of a finished experiment, unless that is done."""
-    study = open_study(bench.database, experiment.study)
+    confirm_study(bench, experiment.study, noisy_runs)
+
+
+def finish_study(bench: Bench, name: str, definition: Mapping[str, Any]) -> None:
+    """Complete a study, created where it is new, or raise `Interrupted`."""
+    if name not in studies.names(bench.database):
+        create_study(bench.database, checked_definition(definition, name), Path("/"))
+    with local_executor(bench.jobs) as executor:
+        done = StudyWorker(open_study(bench.database, name), executor, bench.stop).work()
+    if not done:
+        raise Interrupted
+
+
+def confirm_study(bench: Bench, name: str, noisy_runs: int) -> None:
+    """Confirm the best settings of a finished study, unless that is done."""
+    study = open_study(bench.database, name)
     if confirmations.of_study(bench.database, study.record.id):
         return
     plan = plan_confirmation(study, {}, top=TOP, noisy_runs=noisy_runs)
     with local_executor(bench.jobs) as executor:
         limits = run_limits(study.definition.limits)
         confirm(study, plan, RunSource(bench.database, executor, limits, bench.stop, Silent()))
-
-
-def opened(bench: Bench, experiment: Experiment) -> OpenStudy:
-    """Return the study of an experiment, created where it is new."""
-    if experiment.study not in studies.names(bench.database):
-        definition = checked_definition(experiment.definition(bench.folders[experiment.sequence]), experiment.study)
-        create_study(bench.database, definition, Path("/"))
-    return open_study(bench.database, experiment.study)

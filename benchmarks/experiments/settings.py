@@ -9,10 +9,9 @@ from types import MappingProxyType
 import numpy as np
 from scipy import stats
 
+from benchmarks.experiments.estimators import between, dispersion, paired_ratio
 from benchmarks.experiments.plan import Experiment
-from gtf_tune.errors import TrajectoryError
-from gtf_tune.gtf import Aggregate, aggregate_matrix, gtf_score
-from gtf_tune.gtf.settings import GtfSettings
+from gtf_tune.gtf import Aggregate, aggregate_matrix
 from gtf_tune.store import confirmations, runs, studies, trials, validations
 from gtf_tune.store.database import Database
 from gtf_tune.store.trajectories import trajectories
@@ -26,6 +25,7 @@ class Setting:
     """Hold one value of an option.
 
     ``matrix`` (k, k_delta) is NaN where the setting is infeasible; ``true_ate`` is in the unit of the ground truth.
+    ``clean_clean``, ``noisy_noisy``, ``dispersion`` and ``paired`` are the other estimators of precision.
     """
 
     ordinal: int
@@ -36,6 +36,9 @@ class Setting:
     matrix: FloatArray
     collapsed: float
     clean_clean: float
+    noisy_noisy: float
+    dispersion: float
+    paired: float
     reprojection_px: float
 
 
@@ -49,11 +52,14 @@ def _aggregated(aggregate: Aggregate, setting: Setting) -> float:
 PREDICTORS: Mapping[str, Predictor] = MappingProxyType(
     {
         **{name: partial(_aggregated, name) for name in AGGREGATES},
+        "paired": lambda one: one.paired,
+        "noisy-noisy": lambda one: one.noisy_noisy,
+        "dispersion": lambda one: one.dispersion,
         "clean-clean": lambda one: one.clean_clean,
         "reprojection": lambda one: one.reprojection_px,
     }
 )
-"""What might foretell the true error: aggregates of the matrix, clean runs against each other, reprojection error."""
+"""What might foretell the true error: aggregates of the matrix, other estimators from the same runs, reprojection."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +120,8 @@ def read_outcome(database: Database, experiment: Experiment) -> Outcome | None:
     if study.state != "done":
         return None
     known = trials.of_study(database, study.id)
-    settings = tuple(_setting(database, experiment, trial, study.id) for trial in known)
+    nominal = _matrix(database, experiment, known[0])
+    settings = tuple(_setting(database, experiment, trial, nominal) for trial in known)
     stored = confirmations.of_study(database, study.id)
     if not stored:
         return Outcome(experiment, settings, None, "unconfirmed")
@@ -122,12 +129,14 @@ def read_outcome(database: Database, experiment: Experiment) -> Outcome | None:
     return Outcome(experiment, settings, next(one for one in settings if one.ordinal == adopted), stored[-1].verdict)
 
 
-def _setting(database: Database, experiment: Experiment, trial: trials.Trial, study_id: int) -> Setting:
-    detail = trials.details(database, [trial.id])[trial.id]["sequences"][experiment.sequence]
-    matrix = np.array(detail.get("matrix", [[math.nan]]), dtype=np.float64)
-    clean = [use.run for use in runs.of_trial(database, trial.id) if use.run.kind == "clean"]
+def _setting(database: Database, experiment: Experiment, trial: trials.Trial, nominal: FloatArray) -> Setting:
+    matrix = _matrix(database, experiment, trial)
+    used = [use.run for use in runs.of_trial(database, trial.id)]
+    clean, noisy = ([run for run in used if run.kind == kind] for kind in ("clean", "noisy"))
+    found = trajectories(database, [run.key for run in used])
+    clean_poses, noisy_poses = ([found[run.key] for run in group] for group in (clean, noisy))
     errors = [float(run.diagnostics.get("mean_reprojection_error_px", math.nan)) for run in clean]
-    truth = validations.of_study(database, study_id).get(trial.ordinal, [])
+    truth = validations.of_study(database, trial.study_id).get(trial.ordinal, [])
     return Setting(
         ordinal=trial.ordinal,
         value=float((trial.options or {})[experiment.option.name]),
@@ -136,15 +145,14 @@ def _setting(database: Database, experiment: Experiment, trial: trials.Trial, st
         true_ate=next((one.ate for one in truth if one.ate is not None), math.nan),
         matrix=matrix,
         collapsed=trial.collapsed_rate or 0.0,
-        clean_clean=_clean_clean(database, [run.key for run in clean], clean[0].num_frames),
+        clean_clean=between(clean_poses),
+        noisy_noisy=between(noisy_poses),
+        dispersion=dispersion([*clean_poses, *noisy_poses]),
+        paired=paired_ratio(nominal, matrix),
         reprojection_px=float(np.mean(errors)),
     )
 
 
-def _clean_clean(database: Database, keys: list[str], num_frames: int) -> float:
-    found = trajectories(database, keys)
-    first, *others = (found[key] for key in keys)
-    try:
-        return gtf_score([first], others, GtfSettings(), num_frames=num_frames).value
-    except TrajectoryError:
-        return math.nan
+def _matrix(database: Database, experiment: Experiment, trial: trials.Trial) -> FloatArray:
+    detail = trials.details(database, [trial.id])[trial.id]["sequences"][experiment.sequence]
+    return np.array(detail.get("matrix", [[math.nan]]), dtype=np.float64)

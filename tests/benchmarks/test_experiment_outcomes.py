@@ -1,14 +1,31 @@
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.experiments import report
 from benchmarks.experiments.ablation import ablation
+from benchmarks.experiments.estimators import between, dispersion, paired_ratio
+from benchmarks.experiments.figures import gains, k_delta, noise, options
+from benchmarks.experiments.findings import Findings, share_of_oracle
+from benchmarks.experiments.joint import Joint
 from benchmarks.experiments.k_delta import picks, r_squared_by_count
-from benchmarks.experiments.plan import OPTIONS, Experiment, batches, experiments, many_noisy_runs
-from benchmarks.experiments.report import Findings, write_results
+from benchmarks.experiments.plan import (
+    OPTIONS,
+    Experiment,
+    batches,
+    experiments,
+    many_noisy_runs,
+    other_sigmas,
+    traps,
+)
 from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
+from benchmarks.experiments.stored import outcome_from, stored_results
+from benchmarks.experiments.tables import joint_table, trap_table
+from gtf_tune.trajectory import Trajectory
 
 HUBER = Experiment("dtu-scan24", OPTIONS["huber"], 2.0)
 FOUND = {name: Path(name) for name in ("dtu-scan24", "fountain-P11", "hut")}
@@ -27,6 +44,9 @@ def setting(ordinal: int, true_ate: float, collapsed: int = 0, *, feasible: bool
         matrix=matrix,
         collapsed=collapsed / runs,
         clean_clean=1e-4,
+        noisy_noisy=2e-3 * true_ate,
+        dispersion=1e-3 * true_ate,
+        paired=true_ate,
         reprojection_px=1.0 / (ordinal + 1),
     )
 
@@ -78,18 +98,108 @@ def test_the_cheap_grids_of_small_sequences_come_first() -> None:
 
 
 def test_every_experiment_has_a_study_of_its_own() -> None:
-    planned = [*experiments(FOUND), *many_noisy_runs(FOUND), *ablation(FOUND)]
+    planned = [
+        *experiments(FOUND),
+        *many_noisy_runs(FOUND),
+        *other_sigmas(FOUND),
+        *traps(FOUND),
+        *ablation(FOUND),
+    ]
 
     assert len({one.study for one in planned}) == len(planned)
 
 
-def test_results_say_what_is_adopted_and_what_is_missing(tmp_path: Path) -> None:
+def test_results_say_what_is_adopted_and_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = [setting(0, 1.0), setting(1, 0.5)]
     confirmed = outcome(*settings, adopted=settings[1], verdict="adopt")
 
-    write_results(Findings([confirmed], [confirmed], [confirmed], [], ["hut.ba.s5"]), tmp_path)
+    findings = Findings([confirmed], [], [], [], [confirmed], [], [], ["hut.ba.s5"])
+    monkeypatch.setattr(report, "write_figures", lambda *_: [])
+
+    report.write_results(findings, tmp_path)
 
     page = (tmp_path / "results.md").read_text()
     assert "adopt -50.0%" in page
     assert "Not measured yet: hut.ba.s5" in page
     assert (tmp_path / "results.json").stat().st_size > 100
+
+
+def moved(seed: int, size: float) -> Trajectory:
+    """Return a curve whose 30 positions are moved by random amounts of this size, in a similarity frame of its own."""
+    generator = np.random.default_rng(seed)
+    angles = np.linspace(0, 4, 30)
+    curve = np.stack([np.cos(angles), np.sin(angles), 0.3 * angles], axis=1)
+    positions = (1 + seed) * (curve + size * generator.standard_normal(curve.shape)) + seed
+    return Trajectory(np.arange(30), np.arange(30.0), positions, np.tile([0.0, 0.0, 0.0, 1.0], (30, 1)))
+
+
+@pytest.mark.parametrize("estimator", [between, dispersion])
+def test_estimators_grow_with_the_spread_of_runs_and_ignore_scale(estimator: Callable[..., float]) -> None:
+    small, large = ([moved(seed, size) for seed in range(5)] for size in (1e-3, 1e-2))
+
+    assert estimator(large) / estimator(small) == pytest.approx(10, rel=0.1)
+
+
+def test_one_run_that_fell_apart_hardly_moves_the_dispersion() -> None:
+    sound = [moved(seed, 1e-3) for seed in range(6)]
+
+    assert dispersion([*sound, moved(7, 0.5)]) < 2 * dispersion(sound)
+
+
+def test_paired_ratios_leave_out_what_collapsed() -> None:
+    nominal = np.exp(0.3 * np.random.default_rng(0).standard_normal((2, 8)))
+    better = 0.8 * nominal
+    better[:, 2] *= 300
+
+    assert paired_ratio(nominal, better) == pytest.approx(0.8)
+
+
+def test_a_loss_counts_as_the_whole_gain_at_the_most() -> None:
+    found = outcome(setting(0, 1.0), setting(1, 0.5), setting(2, 5.0))
+    worst = replace(found.settings[2], paired=0.1)
+
+    share, grids = share_of_oracle([replace(found, settings=(*found.settings[:2], worst))], "paired")
+
+    assert (share, grids) == (-1.0, 1)
+
+
+def test_the_trap_table_says_which_settings_are_infeasible() -> None:
+    found = outcome(setting(0, 1.0), setting(1, 0.2, feasible=False))
+
+    _, rows = trap_table([found])
+
+    assert [row[-1] for row in rows] == ["feasible and picked", "infeasible"]
+
+
+def test_a_joint_search_stands_beside_the_sweeps_of_its_sequence() -> None:
+    joint = Joint("dtu-scan24", "tpe", 35, 280, 2.0, 1.0, 0.5, {}, "adopt", 1.0)
+
+    _, rows = joint_table([joint], [outcome(setting(0, 1.0), setting(1, 0.9))])
+
+    assert rows[0][2:4] == ["20", "-10.0%"]
+    assert rows[1][2:] == ["280", "**-50.0%**", "-75.0%", "adopt -50.0%"]
+
+
+def test_figures_hold_what_was_measured() -> None:
+    found = outcome(setting(0, 1.0), setting(1, 0.5), verdict="keep nominal", adopted=setting(0, 1.0))
+    findings = Findings([found], [found], [], [], [found], [], [], [])
+
+    assert gains(findings).data[0].x == (-50.0,)
+    assert len(k_delta(findings).data) == 4
+    assert options(findings).data[0].base == (-50.0,)
+    assert not noise(findings).data
+
+
+def test_outcomes_read_back_from_the_results_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = [setting(0, 1.0), setting(1, 0.5, collapsed=1), setting(2, 0.2, feasible=False)]
+    confirmed = outcome(*settings, adopted=settings[1], verdict="adopt")
+    monkeypatch.setattr(report, "write_figures", lambda *_: [])
+    report.write_results(Findings([confirmed], [], [], [], [], [], [], []), tmp_path)
+
+    found = outcome_from(stored_results(tmp_path / "results.json")[HUBER.study], HUBER)
+
+    assert found.adopted is not None
+    assert found.adopted.ordinal == 1
+    assert [one.true_ate for one in found.settings] == [1.0, 0.5, 0.2]
+    assert np.array_equal(found.settings[1].matrix, settings[1].matrix)
+    assert [one.feasible for one in found.settings] == [True, True, False]

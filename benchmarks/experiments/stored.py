@@ -1,0 +1,61 @@
+"""Read outcomes back from docs/results.json, so that results grow over machines whose databases are not at hand."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.experiments.estimators import paired_ratio
+from benchmarks.experiments.plan import Experiment
+from benchmarks.experiments.settings import Outcome, Setting
+from gtf_tune.trajectory import FloatArray
+
+_GROUPS = ("experiments", "weaker_noise", "traps", "ablation", "many")
+
+
+def stored_results(file: Path) -> dict[str, Mapping[str, Any]]:
+    """Return what a file written by `write_results` holds of each study, by its name; nothing without the file."""
+    if not file.exists():
+        return {}
+    data = json.loads(file.read_text(encoding="utf-8"))
+    return {one["study"]: one for group in _GROUPS for one in data.get(group, ())}
+
+
+def outcome_from(stored: Mapping[str, Any], experiment: Experiment) -> Outcome:
+    """Return the outcome of an experiment; estimators that the file does not have are NaN."""
+    rows = stored["settings"]
+    matrices = [_matrix(row["matrix"]) for row in rows]
+    settings = tuple(
+        _setting(ordinal, row, matrix, matrices[0])
+        for ordinal, (row, matrix) in enumerate(zip(rows, matrices, strict=True))
+    )
+    adopted = next((one for one in settings if one.value == stored["adopted"]), None)
+    return Outcome(experiment, settings, adopted, stored["verdict"])
+
+
+def _setting(ordinal: int, row: Mapping[str, Any], matrix: FloatArray, nominal: FloatArray) -> Setting:
+    return Setting(
+        ordinal=ordinal,
+        value=row["value"],
+        feasible=row["feasible"],
+        coverage=row["coverage"],
+        true_ate=_number(row["true_ate"]),
+        matrix=matrix,
+        collapsed=row["collapsed"],
+        clean_clean=_number(row["clean_clean"]),
+        noisy_noisy=_number(row.get("noisy_noisy")),
+        dispersion=_number(row.get("dispersion")),
+        paired=paired_ratio(nominal, matrix),
+        reprojection_px=_number(row["reprojection_px"]),
+    )
+
+
+def _matrix(rows: list[list[float | None]]) -> FloatArray:
+    return np.array([[_number(value) for value in row] for row in rows], dtype=np.float64)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)

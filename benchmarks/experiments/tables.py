@@ -1,0 +1,230 @@
+"""Turn outcomes into tables of Markdown cells."""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from benchmarks.experiments.findings import share_of_oracle
+from benchmarks.experiments.joint import Joint, sweeps_of
+from benchmarks.experiments.k_delta import picks, r_squared_by_count
+from benchmarks.experiments.ladder import Ladder
+from benchmarks.experiments.numbers import Table, mean, percent, plain, significant
+from benchmarks.experiments.paper import ROWS
+from benchmarks.experiments.plan import AGGREGATE, OPTIONS
+from benchmarks.experiments.settings import AGGREGATES, PREDICTORS, Outcome, Setting
+from gtf_tune.gtf import find_collapsed
+
+COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 60)
+
+
+def table_2(outcomes: Sequence[Outcome]) -> Table:
+    """Return the picks in the shape of the paper's table."""
+    columns = ["sequence (sigma)", "nominal ATE", *(one.paper_column for one in OPTIONS.values())]
+    rows = []
+    for name in dict.fromkeys(one.experiment.sequence for one in outcomes):
+        mine = {one.experiment.option.short: one for one in outcomes if one.experiment.sequence == name}
+        first = next(iter(mine.values()))
+        cells = [_cell(mine[short]) if short in mine else "not measured" for short in OPTIONS]
+        rows.append([f"{name} ({first.experiment.sigma:g})", f"{first.nominal.true_ate:.4g}", *cells])
+    return columns, rows
+
+
+def _cell(outcome: Outcome) -> str:
+    pick = outcome.agreement(PREDICTORS[AGGREGATE]).pick
+    verdict = outcome.verdict
+    if outcome.adopted is not None and outcome.adopted.ordinal:
+        verdict = f"adopt {percent(outcome.change(outcome.adopted))}"
+    return f"pick {percent(outcome.change(pick))}<br>{verdict}<br>oracle {percent(outcome.change(outcome.oracle))}"
+
+
+def paper_table() -> Table:
+    """Return the paper's table."""
+    rows = []
+    for row in ROWS:
+        cells = [f"{-row.improvements[short][0]:+.1f} % ({-row.improvements[short][1]:+.1f} %)" for short in OPTIONS]
+        rows.append([row.sequence, row.nominal, *cells])
+    return ["sequence", "nominal ATE", *(one.paper_column for one in OPTIONS.values())], rows
+
+
+def summary_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return one row for each predictor, averaged over experiments."""
+    columns = ["predictor", "R2", "Spearman", "change of true ATE", "share of the oracle", "regressions"]
+    rows = []
+    for name, predictor in PREDICTORS.items():
+        found = [(one, one.agreement(predictor)) for one in outcomes]
+        changes = [outcome.change(agreement.pick) for outcome, agreement in found]
+        share, _ = share_of_oracle(outcomes, name)
+        rows.append(
+            [
+                name,
+                plain(mean(agreement.r_squared * np.sign(agreement.correlation) for _, agreement in found)),
+                plain(mean(agreement.spearman for _, agreement in found)),
+                percent(mean(changes)),
+                f"{share:.0%}" if math.isfinite(share) else "-",
+                f"{sum(change > 0.01 for change in changes)} of {len(changes)}",
+            ]
+        )
+    return columns, rows
+
+
+def picks_table(outcomes: Sequence[Outcome], many: Sequence[Outcome]) -> Table:
+    """Return what picks are worth over random choices of noisy runs, by aggregate."""
+    rows = []
+    found: dict[str, list[float]] = {aggregate: [] for aggregate in AGGREGATES}
+    for outcome in [*many, *outcomes]:
+        available = outcome.nominal.matrix.shape[1]
+        cells = []
+        for aggregate in AGGREGATES:
+            one = picks(outcome, aggregate, available // 2)
+            found[aggregate].append(one.mean)
+            cells.append(f"{percent(one.mean)} / {percent(one.worst_decile)} / {one.regressions:.0%}")
+        experiment = outcome.experiment
+        name = f"{experiment.sequence} {experiment.option.short}, {available // 2} of {available}"
+        rows.append([name, *cells, percent(outcome.change(outcome.oracle))])
+    if rows:
+        rows.append(["average", *(percent(mean(found[aggregate])) for aggregate in AGGREGATES), ""])
+    return ["experiment", *AGGREGATES, "oracle"], rows
+
+
+def predictor_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return one row for each experiment, one column for each predictor."""
+    rows = []
+    for outcome in outcomes:
+        cells = [_agreement_cell(outcome, PREDICTORS[name]) for name in PREDICTORS]
+        one = outcome.experiment
+        rows.append([f"{one.sequence} {one.option.short}", *cells, percent(outcome.change(outcome.oracle))])
+    return ["experiment", *PREDICTORS, "oracle"], rows
+
+
+def _agreement_cell(outcome: Outcome, predictor: Callable[[Setting], float]) -> str:
+    found = outcome.agreement(predictor)
+    signed = found.r_squared * float(np.sign(found.correlation))
+    return f"{plain(signed)} / {plain(found.spearman)} / {percent(outcome.change(found.pick))}"
+
+
+def shortfall_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return the picks that miss the oracle, with the reason."""
+    rows = []
+    for outcome in outcomes:
+        pick, oracle = outcome.agreement(PREDICTORS[AGGREGATE]).pick, outcome.oracle
+        if outcome.change(pick) - outcome.change(oracle) <= 0.01:
+            continue
+        sound = ~(find_collapsed(oracle.matrix) | find_collapsed(pick.matrix))
+        logs = np.log(oracle.matrix / pick.matrix).mean(axis=0)[sound]
+        gap, spread = float(logs.mean()), float(logs.std(ddof=1))
+        certain = abs(gap) > 2.0 * spread / math.sqrt(len(logs))
+        needed = "more do not help" if certain else f"about {math.ceil((2.8 * spread / max(abs(gap), 1e-9)) ** 2)}"
+        one = outcome.experiment
+        rows.append(
+            [
+                f"{one.sequence} {one.option.short}",
+                f"{pick.value:g}: {percent(outcome.change(pick))}",
+                f"{oracle.value:g}: {percent(outcome.change(oracle))}",
+                f"{percent(math.exp(gap) - 1)} +- {spread / math.sqrt(len(logs)):.0%}",
+                f"{oracle.collapsed:.0%}",
+                needed,
+            ]
+        )
+    return [
+        "experiment",
+        "pick",
+        "oracle",
+        "score of oracle's against pick's",
+        "oracle's collapses",
+        "noisy runs",
+    ], rows
+
+
+def k_delta_table(many: Sequence[Outcome]) -> Table:
+    """Return R2 for numbers of noisy runs, one row for each experiment and aggregate."""
+    if not many:
+        return ["experiment"], []
+    most = max(one.nominal.matrix.shape[1] for one in many)
+    counts = [count for count in COUNTS if count <= most]
+    rows = []
+    for outcome in many:
+        for aggregate in AGGREGATES:
+            found = r_squared_by_count(outcome, aggregate, counts)
+            name = f"{outcome.experiment.sequence} {outcome.experiment.option.short} {aggregate}"
+            rows.append([name, *(plain(value) for value in found)])
+    return ["experiment", *(f"k_delta {count}" for count in counts)], rows
+
+
+def fragile_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return the settings that are infeasible or that collapse."""
+    rows = []
+    for outcome in outcomes:
+        for one in outcome.settings:
+            if one.feasible and not one.collapsed:
+                continue
+            name = f"{outcome.experiment.sequence} {outcome.experiment.option.short} = {one.value:g}"
+            state = "feasible" if one.feasible else "infeasible"
+            change = percent(outcome.change(one))
+            rows.append([name, state, f"{one.coverage:.0%}", f"{one.collapsed:.0%}", change])
+    return ["setting", "", "least coverage", "noisy runs collapsed", "true ATE against nominal"], rows
+
+
+def ladder_table(ladders: Sequence[Ladder]) -> Table:
+    """Return one row for each level of each ladder."""
+    rows = []
+    for one in ladders:
+        scale = one.scale
+        rows.append([one.sequence, "0", significant(1000 * scale.floor.score), *["-"] * 3, "0", "floor"])
+        levels = zip(scale.levels, scale.responses, scale.ratios, scale.linear, one.true_ates, strict=True)
+        for level, response, ratio, inside, true_ate in levels:
+            mark = "recommended" if level.sigma == scale.recommended else "linear" if inside else ""
+            numbers = [significant(value) for value in (1000 * level.score, 1000 * response, ratio, true_ate)]
+            rows.append([one.sequence, f"{level.sigma:g}", *numbers, f"{level.collapsed}/{level.runs}", mark])
+    columns = ["sequence", "sigma", "score [‰]", "response [‰ / grey]", "signal / spread", "true ATE of noisy runs"]
+    return [*columns, "collapsed", ""], rows
+
+
+def ablation_table(ablated: Sequence[Outcome]) -> Table:
+    """Return options by how much the true ATE changes over their values, the largest first."""
+    rows = []
+    for outcome in ablated:
+        changes = [outcome.change(one) for one in outcome.feasible]
+        scores = [PREDICTORS[AGGREGATE](one) for one in outcome.feasible]
+        lost = len(outcome.settings) - len(outcome.feasible)
+        span = max(changes) - min(changes)
+        option = outcome.experiment.option
+        score_range = f"{percent(min(scores) / scores[0] - 1)} to {percent(max(scores) / scores[0] - 1)}"
+        true_range = f"{percent(min(changes))} to {percent(max(changes))}"
+        values = ", ".join(f"{one.value:g}" for one in outcome.settings[1:])
+        rows.append((span, [option.paper_column, f"`{option.name}`", values, true_range, score_range, str(lost)]))
+    ranked = [row for _, row in sorted(rows, key=lambda item: -item[0])]
+    return ["paper's name", "option", "values", "true ATE", "score", "infeasible"], ranked
+
+
+def joint_table(joints: Sequence[Joint], outcomes: Sequence[Outcome]) -> Table:
+    """Return joint searches beside the sweeps of one option on the same sequence."""
+    rows = []
+    for one in joints:
+        for experiment, runs, change in sweeps_of(one.sequence, outcomes):
+            rows.append([one.sequence, f"sweep of `{experiment.option.name}`", str(runs), percent(change), "", ""])
+        adopted = "" if one.adopted is None else f" {percent(one.change(one.adopted))}"
+        rows.append(
+            [
+                one.sequence,
+                f"all five by {one.sampler}, {one.trials} trials",
+                str(one.runs),
+                f"**{percent(one.change(one.pick))}**",
+                percent(one.change(one.oracle)),
+                f"{one.verdict}{adopted}",
+            ]
+        )
+    return ["sequence", "search", "runs", "true ATE at the pick", "best trial by truth", "confirmation"], rows
+
+
+def trap_table(traps: Sequence[Outcome]) -> Table:
+    """Return every setting of the grids over options that drop frames."""
+    rows = []
+    for outcome in traps:
+        pick = outcome.agreement(PREDICTORS[AGGREGATE]).pick
+        for one in sorted(outcome.settings, key=lambda setting: setting.value):
+            name = f"{outcome.experiment.sequence}, `{outcome.experiment.option.name}` = {one.value:g}"
+            mark = " and picked" if one.ordinal == pick.ordinal else ""
+            state = "feasible" if one.feasible else "infeasible"
+            rows.append([name, f"{one.coverage:.0%}", percent(outcome.change(one)), f"{state}{mark}"])
+    return ["setting", "least coverage", "true ATE over registered frames", ""], rows

@@ -1,0 +1,71 @@
+"""Hold what stands above each table of docs/results.md."""
+
+from types import MappingProxyType
+
+from benchmarks.experiments.ablation import WITHOUT_SUCCESSOR
+from benchmarks.experiments.findings import WORTH_FINDING
+from benchmarks.experiments.plan import AGGREGATE
+
+FIGURES = MappingProxyType(
+    {
+        "gains": "Change of the true ATE at the pick, after confirmation and at the oracle, for each grid",
+        "k-delta": "R2 between score and true ATE over the number of noisy runs",
+        "noise": "Score of the nominal setting over the noise level",
+        "options": "Range of the true ATE over the values of each option",
+    }
+)
+
+TABLE_2 = (
+    "In each cell: what GTF ATE picks, what confirmation made of it, and what ground truth would have picked, as "
+    f"changes of the true ATE against nominal (negative is better). The pick is by `{AGGREGATE}`, the default."
+)
+PAPER = "Changes of the true ATE by GTF ATE and, in brackets, by ground truth, as printed; negative is better."
+AGGREGATES = (
+    'Averages over all experiments. "share of the oracle" is the part of the possible gain that the pick reaches, over '
+    f"experiments where ground truth gains more than {WORTH_FINDING:.0%} (a loss counts as -100 % at the most); "
+    '"regressions" counts unconfirmed picks that are worse than nominal by more than 1 %. R2 counts with the sign of '
+    "the correlation. Besides the aggregates of the matrix: `paired` is the geometric mean of errors relative to "
+    "nominal's under the same noise, without instances far from the others (what confirmation tests); `noisy-noisy` "
+    "the median error of noisy runs against each other; `dispersion` the median distance of all runs from their "
+    "Procrustes consensus; `clean-clean` the error of clean runs against each other; `reprojection` the mean "
+    "reprojection error. All of them use the same runs."
+)
+WEAKER = "The cheap grids again, with the noise given behind the option; cells as in the table of every experiment."
+PICKS = (
+    "For each experiment 200 random choices of half of its noisy runs: change of the true ATE at the pick on average / "
+    "in the worst tenth / share of picks worse than nominal by more than 1 %."
+)
+PREDICTORS = (
+    "R2 of a line through predictor and true ATE with the sign of the correlation, Spearman's rank correlation, and "
+    "the change of the true ATE at the pick."
+)
+SHORTFALL = (
+    f"Experiments whose pick (aggregate `{AGGREGATE}`) misses the oracle by more than 1 % of the true ATE. The gap "
+    "compares the scores of both settings, paired by noise instance, without collapsed ones. Where it is certain, more "
+    "noisy runs do not help: the score prefers another setting than the truth does. Otherwise the last column says how "
+    "many would settle which of the two the score prefers (power 80 %)."
+)
+JOINT = (
+    "One search over the five options of table 2 with gtf-tune's default sampler, beside the five sweeps of one "
+    "option. Someone who does not know which option matters pays for all five sweeps."
+)
+K_DELTA = (
+    "R2 between score and true ATE for numbers of noisy runs, averaged over random choices among those there are "
+    "(the paper shows 1 to 60)."
+)
+LADDER = (
+    "Nominal setting over noise levels; level 0 is clean runs against other clean runs. Where the response per grey "
+    "level is constant the pipeline is linear (the paper's assumption); `gtf-tune noise` measures this on any sequence."
+)
+ABLATION = (
+    "The paper's 26 options, as far as COLMAP 4 still has them, on one sequence, each at a stricter and a laxer value "
+    "(the five of table 2 over their grids); ranges of the true ATE and of the score against nominal. "
+    f"Without a successor: {'; '.join(WITHOUT_SUCCESSOR)}."
+)
+TRAPS = (
+    "An option that registers fewer frames at its strict end. The error over the frames that are left can be small "
+    "there; such settings are infeasible, so neither search nor pick falls for them."
+)
+FRAGILE = (
+    "Settings that ran into the coverage floor, or whose noisy runs collapsed, with their true ATE against nominal."
+)
