@@ -31,6 +31,7 @@ def noise(
     jobs: Jobs = None,
     cache_dir: CacheDir = None,
     no_cache: NoCache = False,
+    figure: Annotated[Path | None, typer.Option("--figure", help="Write the curves to this HTML file.")] = None,
     json: Json = False,
 ) -> None:
     """Measure how the score grows with the noise, and recommend a noise in the linear range; nothing is stored.
@@ -38,7 +39,7 @@ def noise(
     Level 0 is clean runs against clean runs with other seeds: what runs differ by without any noise. "signal" is the
     part of the score that noise causes, over the standard deviation from run to run.
 
-    Example: gtf-tune noise images/ --pipeline glomap --runs 6
+    Example: gtf-tune noise images/ --runs 6 --figure noise.html
     """
     from gtf_tune.cli.values import parse_pairs
     from gtf_tune.definition import GtfDefinition, LimitsDefinition
@@ -56,6 +57,11 @@ def noise(
     loaded = load_sequence(sequence)
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
         found = probe.measure(loaded, fresh_trajectories(executor, run_limits(LimitsDefinition())), _say_level)
+    if figure:
+        from gtf_tune.report.noise_page import write_noise_page
+
+        write_noise_page(figure, found, loaded.name, pipeline)
+        say(f"wrote {figure}")
     if json:
         write_json(_as_json(found))
     else:

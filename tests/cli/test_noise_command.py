@@ -24,3 +24,11 @@ def test_a_ladder_that_does_not_rise_is_refused(cli: Cli, room: Path) -> None:
 
     assert said.code == 1
     assert "rising grey levels" in said.err
+
+
+def test_noise_writes_its_curves_to_a_file(cli: Cli, room: Path) -> None:
+    said = cli("noise", "room", "-p", "analytic", "--sigmas", "2,4", "--jobs", "1", "--figure", "noise.html")
+
+    assert said.code == 0
+    assert "wrote noise.html" in said.err
+    assert "recommended sigma" in Path("noise.html").read_text(encoding="utf-8")
