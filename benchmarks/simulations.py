@@ -1,4 +1,4 @@
-"""Write docs/simulations.md: how far intervals, tests and confirmations of the score can be trusted.
+"""Write docs/simulations.md and its figure: how far intervals, tests and confirmations of the score can be trusted.
 
 Run ``python -m benchmarks.simulations [--rounds N] [--write-only]``; the numbers are kept in docs/simulations.json and
 are the same each time.
@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import confirmation_power, interval_coverage
+from benchmarks.drawing import write_svgs
+from benchmarks.simulation_figure import draw_coverage
 
 DOCS = Path("docs")
 Records = Sequence[dict[str, Any]]
@@ -90,7 +92,9 @@ def main() -> None:
             "power": list(confirmation_power.adoptions(arguments.rounds)),
         }
         kept.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-    (DOCS / "simulations.md").write_text(page(json.loads(kept.read_text(encoding="utf-8"))), encoding="utf-8")
+    stored = json.loads(kept.read_text(encoding="utf-8"))
+    (DOCS / "simulations.md").write_text(page(stored), encoding="utf-8")
+    write_svgs({"interval-coverage": draw_coverage(stored["coverage"])}, DOCS / "images")
 
 
 if __name__ == "__main__":

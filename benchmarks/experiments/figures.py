@@ -1,13 +1,12 @@
 """Draw what the experiments found, as SVG files for the documentation."""
 
-import importlib.util
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
 import plotly.graph_objects as go
-import plotly.io
 
+from benchmarks.drawing import write_svgs
 from benchmarks.experiments.findings import Findings
 from benchmarks.experiments.k_delta import r_squared_by_count
 from benchmarks.experiments.plan import AGGREGATE
@@ -16,24 +15,13 @@ from benchmarks.experiments.tables import COUNTS
 from gtf_tune.report.figures import theme
 
 FOLDER = "images/results"
-_WIDTH_PX = 900
 _ROW_PX = 22
 _DASHES = MappingProxyType({"mean": "dot", "median": "solid", "gmean": "dash", "trimmed": "dashdot"})
 
 
 def write_figures(findings: Findings, folder: Path) -> list[str]:
-    """Write the figures that have data into ``folder`` and return their names; none without kaleido."""
-    if importlib.util.find_spec("kaleido") is None:
-        print("figures are not drawn: they need kaleido and Chromium; install them with: pip install -e '.[png]'")
-        return []
-    drawn = {name: draw(findings) for name, draw in _FIGURES.items()}
-    found = {name: figure for name, figure in drawn.items() if figure.data}
-    if found:
-        folder.mkdir(parents=True, exist_ok=True)
-        plotly.io.write_images(
-            list(found.values()), [str(folder / f"{name}.svg") for name in found], format="svg", width=_WIDTH_PX
-        )
-    return list(found)
+    """Write the figures that have data into ``folder`` and return their names."""
+    return write_svgs({name: draw(findings) for name, draw in _FIGURES.items()}, folder)
 
 
 def gains(findings: Findings) -> go.Figure:
