@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from benchmarks.experiments.plan import DEFAULT_SIGMA, OPTIONS, SIGMAS, Experiment, Option
+from benchmarks.experiments.plan import OPTIONS, ROOM, SIGMAS, Experiment, Option
 
-SEQUENCE = "dtu-scan24"
+SEQUENCES = (ROOM, "dtu-scan24")
 
 _PAIRS: Mapping[str, tuple[str, tuple[float, float]]] = {
     "Th. max angle error": ("mapper.max_angular_reproj_error_deg", (0.3, 3.0)),
@@ -34,14 +34,12 @@ WITHOUT_SUCCESSOR = (
 
 def ablation(found: Mapping[str, Path]) -> list[Experiment]:
     """Return one small grid for each option; the five of table 2 have their own."""
-    if SEQUENCE not in found:
-        return []
-    sigma = SIGMAS.get(SEQUENCE, DEFAULT_SIGMA)
     swept = [Option(f"ablation-{name}", name, ends, label) for label, (name, ends) in _PAIRS.items()]
-    return [Experiment(SEQUENCE, option, sigma) for option in swept]
+    return [Experiment(name, option, SIGMAS[name]) for name in SEQUENCES if name in found for option in swept]
 
 
 def swept_elsewhere(found: Mapping[str, Path]) -> list[Experiment]:
-    """Return the grids of table 2 on the same sequence."""
-    sigma = SIGMAS.get(SEQUENCE, DEFAULT_SIGMA)
-    return [Experiment(SEQUENCE, option, sigma) for option in OPTIONS.values()] if SEQUENCE in found else []
+    """Return the grids of table 2 on the same sequences."""
+    return [
+        Experiment(name, option, SIGMAS[name]) for name in SEQUENCES if name in found for option in OPTIONS.values()
+    ]

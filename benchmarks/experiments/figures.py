@@ -106,9 +106,10 @@ def options(findings: Findings) -> go.Figure:
     ranges = []
     for one in findings.ablated:
         changes = [100 * one.change(setting) for setting in one.feasible]
-        ranges.append((max(changes) - min(changes), one.experiment.option.name, min(changes), max(changes)))
+        name = f"{one.experiment.sequence} {one.experiment.option.name}"
+        ranges.append((max(changes) - min(changes), name, min(changes), max(changes)))
     ranges.sort()
-    figure = theme.figure(120 + _ROW_PX * len(ranges), margin={"l": 330})
+    figure = theme.figure(120 + _ROW_PX * len(ranges), margin={"l": 400})
     if ranges:
         figure.add_trace(
             go.Bar(

@@ -13,6 +13,7 @@ from benchmarks.experiments.plan import (
     FIXED,
     NOISY_RUNS,
     OPTIONS,
+    ROOM,
     SIGMAS,
     Experiment,
     sequence_of,
@@ -21,7 +22,7 @@ from benchmarks.experiments.settings import PREDICTORS, Outcome
 from gtf_tune.store import confirmations, studies, trials, validations
 from gtf_tune.store.database import Database
 
-SEQUENCES = ("dtu-scan24",)
+SEQUENCES = (ROOM, "dtu-scan24")
 TRIALS = 35
 
 # The ends of the grids; ratios beyond make two-view verification slow, see `plan`.

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.experiments.measure import Bench, local_executor
-from benchmarks.experiments.plan import FIXED
+from benchmarks.experiments.plan import FIXED, ROOM
 from gtf_tune.definition import GtfDefinition, LimitsDefinition
 from gtf_tune.metrics import ate
 from gtf_tune.pipelines import create_pipeline
@@ -22,7 +22,7 @@ from gtf_tune.study.noise import NoiseProbe, ObtainTrajectories, stored_trajecto
 from gtf_tune.study.noise_scale import NoiseScale
 from gtf_tune.trajectory import Trajectory
 
-SEQUENCES = ("dtu-scan24", "fountain-P11", "hut")
+SEQUENCES = (ROOM, "dtu-scan24", "fountain-P11", "hut")
 SIGMAS = (0.5, 1.0, 2.0, 5.0, 8.0)
 RUNS = 4
 

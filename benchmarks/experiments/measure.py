@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.experiments.plan import TOP, Experiment
+from benchmarks.experiments.plan import ROOM, TOP, Experiment
 from gtf_tune.execution import LocalExecutor, StageCache, default_cache_folder
+from gtf_tune.sequence.render.room import RoomSpec, render_room
 from gtf_tune.store import confirmations, studies
 from gtf_tune.store.database import Database
 from gtf_tune.study.confirm import confirm, plan_confirmation
@@ -18,6 +19,8 @@ from gtf_tune.study.stop import StopRequest
 from gtf_tune.study.worker import StudyWorker
 
 DATA_VARIABLE = "GTF_TUNE_DATA"
+ROOM_FOLDER = Path("storage/data/experiments-room")
+ROOM_FRAMES = 18
 
 
 @dataclass(frozen=True)
@@ -31,11 +34,15 @@ class Bench:
 
 
 def data_folders() -> dict[str, Path]:
-    """Return the folder of each sequence with ground truth under ``GTF_TUNE_DATA``."""
+    """Return the folder of each sequence: the rendered room, and those under ``GTF_TUNE_DATA`` with ground truth."""
+    if not ROOM_FOLDER.exists():
+        render_room(ROOM_FOLDER, RoomSpec(num_frames=ROOM_FRAMES))
+    found = {ROOM: ROOM_FOLDER.absolute()}
     root = os.environ.get(DATA_VARIABLE)
     if not root:
-        raise SystemExit(f"set {DATA_VARIABLE} to a folder of sequences with groundtruth.txt")
-    return {path.parent.name: path.parent for path in sorted(Path(root).absolute().glob("*/groundtruth.txt"))}
+        print(f"only the rendered room: set {DATA_VARIABLE} to a folder of sequences with groundtruth.txt for more")
+        return found
+    return found | {path.parent.name: path.parent for path in sorted(Path(root).absolute().glob("*/groundtruth.txt"))}
 
 
 def local_executor(jobs: int) -> LocalExecutor:

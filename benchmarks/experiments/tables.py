@@ -192,9 +192,22 @@ def ablation_table(ablated: Sequence[Outcome]) -> Table:
         score_range = f"{percent(min(scores) / scores[0] - 1)} to {percent(max(scores) / scores[0] - 1)}"
         true_range = f"{percent(min(changes))} to {percent(max(changes))}"
         values = ", ".join(f"{one.value:g}" for one in outcome.settings[1:])
-        rows.append((span, [option.paper_column, f"`{option.name}`", values, true_range, score_range, str(lost)]))
+        rows.append(
+            (
+                span,
+                [
+                    outcome.experiment.sequence,
+                    option.paper_column,
+                    f"`{option.name}`",
+                    values,
+                    true_range,
+                    score_range,
+                    str(lost),
+                ],
+            )
+        )
     ranked = [row for _, row in sorted(rows, key=lambda item: -item[0])]
-    return ["paper's name", "option", "values", "true ATE", "score", "infeasible"], ranked
+    return ["sequence", "paper's name", "option", "values", "true ATE", "score", "infeasible"], ranked
 
 
 def joint_table(joints: Sequence[Joint], outcomes: Sequence[Outcome]) -> Table:

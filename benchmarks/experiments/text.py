@@ -58,7 +58,7 @@ LADDER = (
     "level is constant the pipeline is linear (the paper's assumption); `gtf-tune noise` measures this on any sequence."
 )
 ABLATION = (
-    "The paper's 26 options, as far as COLMAP 4 still has them, on one sequence, each at a stricter and a laxer value "
+    "The paper's 26 options, as far as COLMAP 4 still has them, each at a stricter and a laxer value "
     "(the five of table 2 over their grids); ranges of the true ATE and of the score against nominal. "
     f"Without a successor: {'; '.join(WITHOUT_SUCCESSOR)}."
 )

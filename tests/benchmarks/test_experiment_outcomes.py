@@ -28,7 +28,7 @@ from benchmarks.experiments.tables import joint_table, trap_table
 from gtf_tune.trajectory import Trajectory
 
 HUBER = Experiment("dtu-scan24", OPTIONS["huber"], 2.0)
-FOUND = {name: Path(name) for name in ("dtu-scan24", "fountain-P11", "hut")}
+FOUND = {name: Path(name) for name in ("room", "dtu-scan24", "fountain-P11", "hut")}
 
 
 def setting(ordinal: int, true_ate: float, collapsed: int = 0, *, feasible: bool = True, runs: int = 8) -> Setting:
@@ -93,7 +93,7 @@ def test_the_cheap_grids_of_small_sequences_come_first() -> None:
     first, *others = batches(experiments(FOUND))
 
     assert {one.option.short for one in first} == {"ba", "huber", "twoview"}
-    assert {one.sequence for one in first} == {"dtu-scan24", "fountain-P11"}
+    assert {one.sequence for one in first} == {"room", "dtu-scan24", "fountain-P11"}
     assert sum(map(len, [first, *others])) == 5 * len(FOUND)
 
 
