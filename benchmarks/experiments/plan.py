@@ -1,7 +1,7 @@
 """Say what is measured: sequences with their noise, options with their values, and the order of work."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from types import MappingProxyType
