@@ -36,7 +36,7 @@ class Bench:
 def data_folders() -> dict[str, Path]:
     """Return the folder of each sequence: the rendered room, and those under ``GTF_TUNE_DATA`` with ground truth."""
     if not ROOM_FOLDER.exists():
-        render_room(ROOM_FOLDER, RoomSpec(num_frames=ROOM_FRAMES))
+        render_room(ROOM_FOLDER, RoomSpec(num_frames=ROOM_FRAMES, width=320, height=240))
     found = {ROOM: ROOM_FOLDER.absolute()}
     root = os.environ.get(DATA_VARIABLE)
     if not root:
