@@ -8,7 +8,6 @@ import typer
 
 from gtf_tune.cli.console import (
     duration,
-    number,
     percent,
     permille,
     say,
@@ -20,6 +19,7 @@ from gtf_tune.cli.console import (
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
 from gtf_tune.cli.study_notes import warn_of_lost_frames
+from gtf_tune.cli.true_errors import TrueErrors
 
 if TYPE_CHECKING:
     from gtf_tune.definition import StudyDefinition
@@ -73,16 +73,16 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     database = open_storage(storage)
     study = studies.get(database, name)
     known = trials.of_study(database, study.id)
-    truth = validations.of_study(database, study.id)
-    gt_ates = {ordinal: found[0].ate for ordinal, found in truth.items() if len(found) == 1}
     definition = stored_definition(study)
+    truth = TrueErrors(definition.side_metric, validations.of_study(database, study.id))
     if json:
-        shown = [{**vars(trial), "gt_ate": gt_ates.get(trial.ordinal)} for trial in known]
+        shown = [{**vars(trial), **truth.as_json(trial.ordinal)} for trial in known]
         write_json(
             {
                 "name": study.name,
                 "state": study.state,
                 "definition": definition.model_dump(mode="json"),
+                "side_metric": {"words": truth.side.words, "unit": truth.side.unit},
                 "trials": shown,
             }
         )
@@ -91,7 +91,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     ranked = sorted(known, key=_rank)
     first = ranked[:_SHOWN_TRIALS]
     chosen = ranked if all_ else first + [one for one in ranked[_SHOWN_TRIALS:] if one.ordinal == 0]
-    _write_trials(chosen, gt_ates)
+    _write_trials(chosen, truth)
     if len(chosen) < len(known):
         say(f"{len(known) - len(chosen)} more trials with --all")
     warn_of_lost_frames(database, study.id)
@@ -178,14 +178,14 @@ def _spared(definition: "StudyDefinition", known: list["Trial"]) -> str:
     return f"{told} ({saved.share:.0%} of {saved.full} runs)" if told else "no run: every trial took all of its runs"
 
 
-def _write_trials(chosen: list["Trial"], gt_ates: Mapping[int, float | None]) -> None:
+def _write_trials(chosen: list["Trial"], truth: TrueErrors) -> None:
     names = list(next((trial.options for trial in chosen if trial.options), {}))
-    columns = [">trial", ">GTF ATE [‰]", ">± se", *([">true ATE"] if gt_ates else []), ">coverage"]
+    columns = [">trial", ">GTF ATE [‰]", ">± se", *truth.columns, ">coverage"]
     columns += [f">{name}" for name in _short_names(names)] if len(names) <= _OPTION_COLUMNS else ["options"]
     rows = []
     for trial in chosen:
         row = [_ordinal(trial), _score(trial), permille(trial.standard_error)]
-        row += [number(gt_ates.get(trial.ordinal))] if gt_ates else []
+        row += truth.cells(trial.ordinal)
         row.append(_share(trial.coverage))
         values = [_value((trial.options or {}).get(name)) for name in names]
         pairs = zip(_short_names(names), values, strict=True)
