@@ -89,6 +89,8 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
         )
         return
     _write_heading(definition, study.state, known, runs.totals(database, study.id))
+    if truth.by_trial:
+        say(f"ground truth, never seen by the search: {truth.side.words} [{truth.side.unit}]")
     ranked = sorted(known, key=_rank)
     first = ranked[:_SHOWN_TRIALS]
     chosen = ranked if all_ else first + [one for one in ranked[_SHOWN_TRIALS:] if one.ordinal == 0]
