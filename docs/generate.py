@@ -35,6 +35,7 @@ from gtf_tune.definition import (
     RangeAxis,
     SearchDefinition,
     SequenceDefinition,
+    SideMetricDefinition,
     StudyDefinition,
     ValuesAxis,
 )
@@ -53,6 +54,10 @@ SECTIONS: Mapping[str, tuple[type[BaseModel], str]] = {
     "space (values)": (ValuesAxis, "`[space]`: an option over a list; the only kind for booleans and enumerations."),
     "gtf": (GtfDefinition, "`[gtf]`: how a setting is scored."),
     "gtf.noisy_runs": (NoisyRuns, "`noisy_runs = { min = ..., max = ... }`: a number of noisy runs that may grow."),
+    "side_metric": (
+        SideMetricDefinition,
+        "`[side_metric]`: how runs are measured against ground truth, beside the search.",
+    ),
     "search": (SearchDefinition, "`[search]`: which settings are tried."),
     "limits": (LimitsDefinition, "`[limits]`: what one run may take. A run beyond a limit is stopped and has failed."),
 }

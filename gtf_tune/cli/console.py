@@ -40,7 +40,8 @@ def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
     table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, header_style="bold")
     for column in columns:
         right = column.startswith(">")
-        table.add_column(column.removeprefix(">"), justify="right" if right else "left", overflow="fold")
+        name = _plain(column.removeprefix(">"))
+        table.add_column(name, justify="right" if right else "left", overflow="fold")
     for row in rows:
         table.add_row(*(_plain(cell) for cell in row))
     stdout().print(table)

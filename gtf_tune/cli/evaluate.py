@@ -8,6 +8,7 @@ import typer
 
 from gtf_tune.cli.console import number, permille, say, write_json, write_pairs
 from gtf_tune.cli.parameters import CacheDir, Jobs, Json, NoCache, Settings
+from gtf_tune.cli.true_errors import Side
 
 if TYPE_CHECKING:
     from gtf_tune.study.evaluate import Evaluation
@@ -22,6 +23,7 @@ def evaluate(
     noisy_runs: Annotated[int, typer.Option("--noisy-runs", "-K", min=1, help="k_delta.")] = 6,
     noise_sigma: Annotated[float, typer.Option("--noise-sigma", help="Noise in grey levels (0..255).")] = 5.0,
     aggregate: Annotated[str, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")] = "median",
+    side: Side = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of noise and runs.")] = 0,
     jobs: Jobs = None,
     cache_dir: CacheDir = None,
@@ -34,7 +36,7 @@ def evaluate(
     """
     from gtf_tune.cli.executors import cores, make_executor
     from gtf_tune.cli.values import parse_pairs
-    from gtf_tune.definition.gtf import GtfDefinition
+    from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.pipelines import create_pipeline
     from gtf_tune.sequence import load_sequence
@@ -47,7 +49,8 @@ def evaluate(
     )
     chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))
     given = parse_pairs(option, "--option")
-    wanted = Setting(chosen, chosen.options.check(given), gtf, seed)
+    measured = section_from_dict(SideMetricDefinition, parse_pairs(side, "--side"), source="--side")
+    wanted = Setting(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
     loaded = load_sequence(sequence)
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
         found = evaluate_setting(wanted, loaded, executor, on_run=say)
@@ -66,6 +69,8 @@ def _write(found: "Evaluation") -> None:
         pairs["GTF ATE"] = f"{permille(score.value)} ‰ of the extent ({interval})"
         pairs["collapsed"] = f"{int(score.collapsed.sum())} of {score.collapsed.size} noisy runs"
     pairs["coverage"] = f"{found.score.coverage:.0%} of the frames (least of all runs)"
-    if not math.isnan(found.gt_ate):
-        pairs["true ATE"] = f"{number(found.gt_ate)} in the unit of the ground truth"
+    if not math.isnan(found.side_metric):
+        side = found.side_definition
+        unit = "degrees" if side.unit == "deg" else "in the unit of the ground truth"
+        pairs[f"true {side.words}"] = f"{number(found.side_metric)} {unit}"
     write_pairs(pairs)

@@ -9,15 +9,21 @@ from gtf_tune.cli.console import number, percent, permille, say, write_json, wri
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
 from gtf_tune.cli.study_create import Range, parse_range
-from gtf_tune.cli.values import parse_pair
+from gtf_tune.cli.study_run import Places, place_folders
+from gtf_tune.cli.true_errors import Side, TrueErrors
+from gtf_tune.cli.values import parse_pair, parse_pairs
 
 if TYPE_CHECKING:
+    from gtf_tune.store.database import Database
     from gtf_tune.study.rescore import Rescored, RescoredTrial
 
 Aggregate = Annotated[str | None, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")]
 Metric = Annotated[str | None, typer.Option("--metric", help="ate, rpe_translation or rpe_rotation.")]
 Alignment = Annotated[str | None, typer.Option("--alignment", help="sim3, se3 or none.")]
 Normalise = Annotated[str | None, typer.Option("--normalise", help="extent or none.")]
+RpeDelta = Annotated[float | None, typer.Option("--rpe-delta", help="Distance between the poses of a pair.")]
+RpeDeltaUnit = Annotated[str | None, typer.Option("--rpe-delta-unit", help="frames, seconds or metres.")]
+RpePairs = Annotated[str | None, typer.Option("--rpe-pairs", help="all or consecutive.")]
 Trials = Annotated[int | None, typer.Option("--trials", "-n", min=1, help="New total of trials, nominal included.")]
 NoisyRuns = Annotated[int | None, typer.Option("--noisy-runs", "-K", min=1, help="Another k_delta; needs --as.")]
 NewName = Annotated[str | None, typer.Option("--as", help="Make a new study on the same runs instead.")]
@@ -29,10 +35,15 @@ def rescore(
     metric: Metric = None,
     alignment: Alignment = None,
     normalise: Normalise = None,
+    rpe_delta: RpeDelta = None,
+    rpe_delta_unit: RpeDeltaUnit = None,
+    rpe_pairs: RpePairs = None,
+    side: Side = None,
+    places: Places = None,
     json: Json = False,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
-    """Show how the trials would rank under another score, from their stored trajectories.
+    """Show how the trials would rank under another score or error against ground truth, from stored trajectories.
 
     Nothing is run, and the study keeps its scores.
 
@@ -41,12 +52,14 @@ def rescore(
     from gtf_tune.study.rescore import rescore as rescore_study
 
     database = open_storage(storage)
-    given = {"aggregate": aggregate, "metric": metric, "alignment": alignment, "normalise": normalise}
+    given: dict[str, Any] = {"aggregate": aggregate, "metric": metric, "alignment": alignment, "normalise": normalise}
+    given |= {"rpe_delta": rpe_delta, "rpe_delta_unit": rpe_delta_unit, "rpe_pairs": rpe_pairs}
     found = rescore_study(database, name, {key: value for key, value in given.items() if value is not None})
+    truth = _true_errors(database, name, side, places)
     if json:
-        write_json(_as_json(found))
+        write_json(_as_json(found, truth))
     else:
-        _write(found)
+        _write(found, truth)
 
 
 def extend(
@@ -78,7 +91,21 @@ def extend(
     say(f"Next: gtf-tune study run {new_name or name}{storage_flag(database)}")
 
 
-def _write(found: "Rescored") -> None:
+def _true_errors(database: "Database", name: str, side: list[str] | None, places: list[str] | None) -> TrueErrors:
+    """Return the stored side metric of a study, or another one, computed from its trajectories."""
+    from gtf_tune.store import studies, validations
+    from gtf_tune.study.side_metric import changed_side_metric, recompute_side_metric
+    from gtf_tune.study.stored import stored_definition
+
+    study = studies.get(database, name)
+    stored = stored_definition(study).side_metric
+    if not side:
+        return TrueErrors(stored, validations.of_study(database, study.id))
+    changed = changed_side_metric(stored, parse_pairs(side, "--side"))
+    return TrueErrors(changed, recompute_side_metric(database, name, changed, place_folders(places)))
+
+
+def _write(found: "Rescored", truth: TrueErrors) -> None:
     gtf = found.gtf
     say(f"score: {gtf.metric}, {gtf.aggregate}, {gtf.alignment}, normalised by {gtf.normalise}; the study is unchanged")
     relative = gtf.normalise == "extent" and gtf.metric != "rpe_rotation"
@@ -95,18 +122,20 @@ def _write(found: "Rescored") -> None:
                 shown if one.score.feasible else "infeasible",
                 change,
                 f"{_collapsed(one):.0%}",
+                *truth.cells(one.trial.ordinal),
             )
         )
     unit = " [‰]" if relative else ""
-    write_table([">trial", ">rank", ">before", f">GTF{unit}", ">vs nominal", ">collapsed"], rows)
+    write_table([">trial", ">rank", ">before", f">GTF{unit}", ">vs nominal", ">collapsed", *truth.columns], rows)
     if found.best is not None:
         for option, value in (found.best.trial.options or {}).items():
             write_line(f"{option} = {value}")
 
 
-def _as_json(found: "Rescored") -> dict[str, Any]:
+def _as_json(found: "Rescored", truth: TrueErrors) -> dict[str, Any]:
     return {
         "gtf": found.gtf.model_dump(mode="json"),
+        "side_metric": truth.side.model_dump(mode="json"),
         "best": found.best.trial.ordinal if found.best else None,
         "trials": [
             {
@@ -119,6 +148,7 @@ def _as_json(found: "Rescored") -> dict[str, Any]:
                 "rank": one.rank or None,
                 "feasible": one.score.feasible,
                 "collapse_rate": _collapsed(one),
+                **truth.as_json(one.trial.ordinal),
             }
             for one in found.trials
         ],

@@ -9,6 +9,7 @@ import typer
 from gtf_tune.cli.console import say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Settings, Storage
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
+from gtf_tune.cli.true_errors import Side
 from gtf_tune.cli.values import parse_pair, parse_pairs, parse_value
 from gtf_tune.errors import DefinitionError
 
@@ -45,6 +46,7 @@ def create(
         str | None, typer.Option("--noise-sigma", help="Noise in grey levels (0..255), or auto.")
     ] = None,
     aggregate: Annotated[str | None, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")] = None,
+    side: Side = None,
     sampler: Annotated[str | None, typer.Option("--sampler", help="grid, tpe, gp, cmaes, qmc or random.")] = None,
     trials: Annotated[int | None, typer.Option("--trials", "-n", help="Trials, the nominal one included.")] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Seed of the whole study.")] = None,
@@ -66,6 +68,7 @@ def create(
     _add_space(data, range_ or [], values or [])
     _put(data, "gtf", clean_runs=clean_runs, noisy_runs=_runs(noisy_runs), aggregate=aggregate)
     _put(data, "gtf", noise_sigma=None if noise_sigma is None else parse_value(noise_sigma))
+    _put(data, "side_metric", **parse_pairs(side, "--side"))
     _put(data, "search", sampler=sampler, trials=trials, seed=seed)
     definition = checked_definition(data, source)
     database = create_storage(storage)

@@ -9,6 +9,7 @@ import typer
 from gtf_tune.cli.console import say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.true_errors import TrueErrors
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
@@ -77,26 +78,23 @@ def _settings(format_: str, definition: dict[str, Any], trial: "Trial") -> str:
 def _trials_csv(database: "Database", study: "Study") -> str:
     from gtf_tune.store import trials, validations
     from gtf_tune.study import export as export_module
+    from gtf_tune.study.stored import stored_definition
 
     known = trials.of_study(database, study.id)
-    truth = validations.of_study(database, study.id)
+    truth = TrueErrors(stored_definition(study).side_metric, validations.of_study(database, study.id))
     names = list(dict.fromkeys(option for trial in known for option in trial.options or {}))
-    sequences = sorted({one.sequence_name for found in truth.values() for one in found})
+    sequences = sorted(truth.sequences)
     facts = ("ordinal", "state", "feasible", "value", "standard_error", "ci_low", "ci_high", "coverage")
     more = ("collapsed_rate", "clean_runs", "noisy_runs", "wall_s", "message")
     rows = [
         [
             *(getattr(trial, fact) for fact in (*facts, *more)),
-            *(_true_ate(truth.get(trial.ordinal, []), sequence) for sequence in sequences),
+            *(truth.value(trial.ordinal, sequence) for sequence in sequences),
             *((trial.options or {}).get(option) for option in names),
         ]
         for trial in known
     ]
-    return export_module.table_csv([*facts, *more, *(f"gt_ate:{one}" for one in sequences), *names], rows)
-
-
-def _true_ate(found: list[Any], sequence: str) -> float | None:
-    return next((one.ate for one in found if one.sequence_name == sequence), None)
+    return export_module.table_csv([*facts, *more, *(f"{truth.side.key}:{one}" for one in sequences), *names], rows)
 
 
 def _write_trajectories(database: "Database", trial: "Trial", folder: Path) -> None:

@@ -1,14 +1,12 @@
 """List and show studies, and delete them."""
 
-import json as json_module
-from collections.abc import Mapping
+import math
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from gtf_tune.cli.console import (
     duration,
-    number,
     percent,
     permille,
     say,
@@ -20,9 +18,11 @@ from gtf_tune.cli.console import (
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
 from gtf_tune.cli.study_notes import warn_of_lost_frames
+from gtf_tune.cli.true_errors import TrueErrors
 
 if TYPE_CHECKING:
     from gtf_tune.definition import StudyDefinition
+    from gtf_tune.report.units import ScoreUnit
     from gtf_tune.store.runs import RunTotals
     from gtf_tune.store.trials import Trial
     from gtf_tune.study.picking import Pick
@@ -67,31 +67,34 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
 
     Example: gtf-tune study show photos
     """
+    from gtf_tune.report.units import definition_unit
     from gtf_tune.store import runs, studies, trials, validations
     from gtf_tune.study.stored import stored_definition
 
     database = open_storage(storage)
     study = studies.get(database, name)
     known = trials.of_study(database, study.id)
-    truth = validations.of_study(database, study.id)
-    gt_ates = {ordinal: found[0].ate for ordinal, found in truth.items() if len(found) == 1}
     definition = stored_definition(study)
+    truth = TrueErrors(definition.side_metric, validations.of_study(database, study.id))
     if json:
-        shown = [{**vars(trial), "gt_ate": gt_ates.get(trial.ordinal)} for trial in known]
+        shown = [{**vars(trial), **truth.as_json(trial.ordinal)} for trial in known]
         write_json(
             {
                 "name": study.name,
                 "state": study.state,
                 "definition": definition.model_dump(mode="json"),
+                "side_metric": {"words": truth.side.words, "unit": truth.side.unit},
                 "trials": shown,
             }
         )
         return
     _write_heading(definition, study.state, known, runs.totals(database, study.id))
+    if truth.by_trial:
+        say(f"ground truth, never seen by the search: {truth.side.words} [{truth.side.unit}]")
     ranked = sorted(known, key=_rank)
     first = ranked[:_SHOWN_TRIALS]
     chosen = ranked if all_ else first + [one for one in ranked[_SHOWN_TRIALS:] if one.ordinal == 0]
-    _write_trials(chosen, gt_ates)
+    _write_trials(chosen, truth, definition_unit(definition))
     if len(chosen) < len(known):
         say(f"{len(known) - len(chosen)} more trials with --all")
     warn_of_lost_frames(database, study.id)
@@ -106,16 +109,16 @@ def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE
     from gtf_tune.store import studies
     from gtf_tune.study.picking import pick
     from gtf_tune.study.recommendation import UNCONFIRMED, recommend
+    from gtf_tune.study.stored import stored_definition
 
     database = open_storage(storage)
     study = studies.get(database, name)
     recommended = recommend(database, study.id, name)
     found = pick(database, study.id)
-    definition = json_module.loads(study.definition)
     if json:
         write_json(_pick_as_json(found, recommended))
         return
-    _write_pick(found, recommended, definition)
+    _write_pick(found, recommended, stored_definition(study))
     warn_of_lost_frames(database, study.id)
     if recommended.verdict == UNCONFIRMED:
         say("unconfirmed: the best of many trials looks better than it is")
@@ -178,14 +181,14 @@ def _spared(definition: "StudyDefinition", known: list["Trial"]) -> str:
     return f"{told} ({saved.share:.0%} of {saved.full} runs)" if told else "no run: every trial took all of its runs"
 
 
-def _write_trials(chosen: list["Trial"], gt_ates: Mapping[int, float | None]) -> None:
+def _write_trials(chosen: list["Trial"], truth: TrueErrors, unit: "ScoreUnit") -> None:
     names = list(next((trial.options for trial in chosen if trial.options), {}))
-    columns = [">trial", ">GTF ATE [‰]", ">± se", *([">true ATE"] if gt_ates else []), ">coverage"]
+    columns = [">trial", f">{unit.name} [{_symbol(unit)}]", ">± se", *truth.columns, ">coverage"]
     columns += [f">{name}" for name in _short_names(names)] if len(names) <= _OPTION_COLUMNS else ["options"]
     rows = []
     for trial in chosen:
-        row = [_ordinal(trial), _score(trial), permille(trial.standard_error)]
-        row += [number(gt_ates.get(trial.ordinal))] if gt_ates else []
+        row = [_ordinal(trial), _score(trial, unit), _shown(trial.standard_error, unit)]
+        row += truth.cells(trial.ordinal)
         row.append(_share(trial.coverage))
         values = [_value((trial.options or {}).get(name)) for name in names]
         pairs = zip(_short_names(names), values, strict=True)
@@ -206,24 +209,40 @@ def _ordinal(trial: "Trial") -> str:
     return "nominal" if trial.ordinal == 0 else str(trial.ordinal)
 
 
-def _score(trial: "Trial") -> str:
+def _shown(value: float | None, unit: "ScoreUnit") -> str:
+    """Format a stored score in the shown unit, with three significant digits."""
+    shown = unit.shown(value)
+    return f"{shown:.3g}" if math.isfinite(shown) else "-"
+
+
+def _symbol(unit: "ScoreUnit") -> str:
+    return unit.symbol.removesuffix(" of extent")
+
+
+def _score(trial: "Trial", unit: "ScoreUnit") -> str:
     if trial.value is None:
         return trial.state
     if not trial.feasible:
         return "infeasible"
-    return permille(trial.value) + ("*" if trial.state == "pruned" else "")
+    return _shown(trial.value, unit) + ("*" if trial.state == "pruned" else "")
 
 
 def _value(value: object) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _write_pick(found: "Pick", recommended: "Recommendation", definition: Mapping[str, Any]) -> None:
+def _write_pick(found: "Pick", recommended: "Recommendation", definition: "StudyDefinition") -> None:
+    from gtf_tune.report.units import definition_unit
+
+    unit = definition_unit(definition)
+    symbol = _symbol(unit)
     pairs = {}
     if found.nominal is not None:
-        pairs["nominal"] = f"GTF ATE {permille(found.nominal.value)} ‰ of the extent"
+        pairs["nominal"] = (
+            f"{unit.name} {_shown(found.nominal.value, unit)} {symbol}{' of the extent' if symbol == '‰' else ''}"
+        )
     if found.best is not None:
-        pairs["best"] = f"GTF ATE {permille(found.best.value)} ‰ (trial {found.best.ordinal})"
+        pairs["best"] = f"{unit.name} {_shown(found.best.value, unit)} {symbol} (trial {found.best.ordinal})"
     gain = found.improvement
     if found.is_nominal:
         pairs["improvement"] = "none: nothing beats the nominal setting"
@@ -233,7 +252,7 @@ def _write_pick(found: "Pick", recommended: "Recommendation", definition: Mappin
     pairs["verdict"] = _verdict(recommended)
     write_pairs(pairs)
     write_line("")
-    for name, value in {**definition["pipeline"]["options"], **(recommended.trial.options or {})}.items():
+    for name, value in {**definition.pipeline.options, **(recommended.trial.options or {})}.items():
         write_line(f"{name} = {value}")
 
 

@@ -10,6 +10,7 @@ from gtf_tune.definition.model import (
     SequenceDefinition,
     StudyDefinition,
 )
+from gtf_tune.definition.side_metric import SideMetricDefinition
 from gtf_tune.definition.space import Axis, RangeAxis, ValuesAxis
 
 __all__ = [
@@ -22,6 +23,7 @@ __all__ = [
     "RangeAxis",
     "SearchDefinition",
     "SequenceDefinition",
+    "SideMetricDefinition",
     "StudyDefinition",
     "ValuesAxis",
     "definition_from_dict",

@@ -113,7 +113,7 @@ def _dotted(place: list[int | str]) -> str:
 def _unknown_key(place: list[int | str]) -> str:
     name = str(place[-1])
     known = _known_keys(place[:-1])
-    near = get_close_matches(name, known, n=2, cutoff=0.5)
+    near = get_close_matches(name, known, n=2, cutoff=0.55)
     hint = (
         f"did you mean {' or '.join(repr(one) for one in near)}?" if near else f"known are {', '.join(sorted(known))}"
     )

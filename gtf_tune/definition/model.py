@@ -9,6 +9,7 @@ from pydantic import Field, JsonValue, field_validator, model_validator
 
 from gtf_tune.definition.base import Section
 from gtf_tune.definition.gtf import GtfDefinition
+from gtf_tune.definition.side_metric import SideMetricDefinition
 from gtf_tune.definition.space import Axis, ValuesAxis
 
 DEFAULT_TRIALS = 50
@@ -92,6 +93,7 @@ class StudyDefinition(Section):
     sequences: list[SequenceDefinition] = Field(min_length=1)
     space: dict[str, Axis] = Field(min_length=1)
     gtf: GtfDefinition = GtfDefinition()
+    side_metric: SideMetricDefinition = SideMetricDefinition()
     search: SearchDefinition = SearchDefinition()
     limits: LimitsDefinition = LimitsDefinition()
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from gtf_tune.definition import GtfDefinition
+from gtf_tune.definition import GtfDefinition, StudyDefinition
 from gtf_tune.report.study_data import StudyData
 
 _NAMES = {"ate": "GTF ATE", "rpe_translation": "GTF RPE", "rpe_rotation": "GTF RPE (rotation)"}
@@ -40,7 +40,12 @@ def sequence_unit(gtf: GtfDefinition) -> ScoreUnit:
 
 def study_unit(data: StudyData) -> ScoreUnit:
     """Return the unit of the values of a study: that of its sequence, or the ratio to nominal for several."""
-    if not data.has_several_sequences:
-        return sequence_unit(data.definition.gtf)
-    name = _NAMES[data.definition.gtf.metric]
+    return definition_unit(data.definition)
+
+
+def definition_unit(definition: StudyDefinition) -> ScoreUnit:
+    """Return the unit of the values of a study that is defined so."""
+    if len(definition.searched_sequences) == 1:
+        return sequence_unit(definition.gtf)
+    name = _NAMES[definition.gtf.metric]
     return ScoreUnit(name, 1.0, "relative to nominal", "times nominal (geometric mean over the sequences)")

@@ -24,7 +24,7 @@ def study_digest(database: Database, name: str) -> str:
             ],
             "runs": _runs(database, study.id),
             "validations": [
-                [ordinal, one.sequence_name, one.ate]
+                [ordinal, one.sequence_name, one.value]
                 for ordinal, found in validations.of_study(database, study.id).items()
                 for one in found
             ],

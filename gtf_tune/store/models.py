@@ -165,13 +165,16 @@ class TrialRun(Base):
 
 
 class Validation(Base):
-    """Hold the side metric of one trial on one sequence; only reports read it."""
+    """Hold the side metric of one trial on one sequence; only reports read it.
+
+    The column ``ate`` is named after the first side metric that there was; ``metrics`` says which one it holds.
+    """
 
     __tablename__ = "gtf_validation"
 
     trial_id: Mapped[int] = mapped_column(_owned_by("gtf_trial.id"), primary_key=True)
     sequence_name: Mapped[str] = mapped_column(primary_key=True)
-    ate: Mapped[float | None]
+    value: Mapped[float | None] = mapped_column("ate")
     metrics: Mapped[dict[str, Any]]
 
 

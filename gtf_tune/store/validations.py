@@ -15,11 +15,19 @@ from gtf_tune.store.session import read_rows, write
 
 @dataclass(frozen=True)
 class Validation:
-    """Hold the ATE against ground truth of one trial on one sequence, None where it could not be computed."""
+    """Hold the error against ground truth of one trial on one sequence, None where it could not be computed.
+
+    ``metrics`` says which error it is (``metric``, ``unit``, ``definition``), of which runs, and what went wrong.
+    """
 
     sequence_name: str
-    ate: float | None
+    value: float | None
     metrics: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def ate(self) -> float | None:
+        """Return the value if it is an ATE; rows that do not say what they are hold one."""
+        return self.value if self.metrics.get("metric", "ate") == "ate" else None
 
 
 def save(database: Database, trial_id: int, validations: Sequence[Validation]) -> None:
@@ -28,7 +36,7 @@ def save(database: Database, trial_id: int, validations: Sequence[Validation]) -
     def work(session: Session) -> None:
         session.execute(delete(models.Validation).where(models.Validation.trial_id == trial_id))
         for one in validations:
-            values = {"sequence_name": one.sequence_name, "ate": one.ate, "metrics": dict(one.metrics)}
+            values = {"sequence_name": one.sequence_name, "value": one.value, "metrics": dict(one.metrics)}
             session.add(models.Validation(trial_id=trial_id, **values))
 
     write(database, work)

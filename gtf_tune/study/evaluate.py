@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from gtf_tune.alignment import MIN_MATCHED
-from gtf_tune.definition import GtfDefinition, LimitsDefinition
+from gtf_tune.definition import GtfDefinition, LimitsDefinition, SideMetricDefinition
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue, Pipeline
@@ -20,21 +20,26 @@ from gtf_tune.validation import side_metric
 
 @dataclass(frozen=True)
 class Setting:
-    """Hold what is scored: a pipeline, its options, how the score is formed, the seed and the limits of a run."""
+    """Hold what is scored: a pipeline, its options, how the score is formed, the seed and the limits of a run.
+
+    ``side_metric`` is the error against ground truth that is told beside the score.
+    """
 
     pipeline: Pipeline
     options: Mapping[str, OptionValue]
     gtf: GtfDefinition
     seed: int = 0
     limits: LimitsDefinition = field(default_factory=LimitsDefinition)
+    side_metric: SideMetricDefinition = field(default_factory=SideMetricDefinition)
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Hold the score of a setting on a sequence; ``gt_ate`` is NaN without ground truth."""
+    """Hold the score of a setting on a sequence; ``side_metric`` is NaN without ground truth."""
 
     score: SequenceScore
-    gt_ate: float
+    side_metric: float
+    side_definition: SideMetricDefinition = field(default_factory=SideMetricDefinition)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the numbers by name."""
@@ -48,7 +53,8 @@ class Evaluation:
             "coverage": self.score.coverage,
             "feasible": self.score.feasible,
             "message": self.score.message,
-            "gt_ate": self.gt_ate,
+            self.side_definition.key: self.side_metric,
+            "side_metric": self.side_definition.model_dump(mode="json"),
         }
 
 
@@ -78,13 +84,13 @@ def evaluate_setting(
     clean = [run for (kind, _), run in finished.items() if kind == "clean"]
     noisy = [run for (kind, _), run in finished.items() if kind == "noisy"]
     score = score_sequence(clean, noisy, num_frames=len(sequence), floor=MIN_MATCHED / len(sequence), gtf=gtf)
-    return Evaluation(score, _true_ate(sequence, clean))
+    return Evaluation(score, _true_error(sequence, clean, setting.side_metric), setting.side_metric)
 
 
-def _true_ate(sequence: Sequence, clean: list[FinishedRun]) -> float:
+def _true_error(sequence: Sequence, clean: list[FinishedRun], definition: SideMetricDefinition) -> float:
     if sequence.ground_truth is None:
         return math.nan
     try:
-        return side_metric(sequence.ground_truth, [run.trajectory for run in clean]).gt_ate
+        return side_metric(sequence.ground_truth, [run.trajectory for run in clean], definition).value
     except TrajectoryError:
         return math.nan

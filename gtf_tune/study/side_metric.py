@@ -1,32 +1,104 @@
 """Record ground truth beside a final score; nothing that searches, scores or picks reads it."""
 
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
 from optuna.trial import Trial
 
-from gtf_tune.errors import TrajectoryError
-from gtf_tune.store import validations
+from gtf_tune.definition import SideMetricDefinition
+from gtf_tune.definition.loading import section_from_dict
+from gtf_tune.errors import DefinitionError, TrajectoryError
+from gtf_tune.store import runs, studies, validations
+from gtf_tune.store.database import Database
 from gtf_tune.store.slots import Slot
+from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.validations import Validation
-from gtf_tune.study.opened import OpenStudy
+from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence
 from gtf_tune.study.scoring import ScoredTrial
+from gtf_tune.study.stored import stored_definition
+from gtf_tune.trajectory import Trajectory
 from gtf_tune.validation import side_metric
 
 
 def record_side_metric(study: OpenStudy, slot: Slot, trial: Trial, scored: ScoredTrial) -> None:
-    """Store the ground-truth ATE of the clean runs on every sequence that has ground truth.
+    """Store the error of the clean runs against ground truth, on every sequence that has it.
 
-    It goes to a table of its own, and as the user attribute ``gt_ate`` (``gt_ate_NAME`` for several sequences) to
-    Optuna.
+    It goes to a table of its own, and as the user attribute ``gt_ate`` (``gt_ate_NAME`` for several sequences;
+    ``gt_rpe_translation``, ``gt_rpe_rotation`` where the definition asks for these) to Optuna.
     """
+    definition = study.definition.side_metric
     found: list[Validation] = []
     for name, sequence in study.sequences.items():
         if sequence.ground_truth is None:
             continue
-        try:
-            metric = side_metric(sequence.ground_truth, scored.clean[name])
-        except TrajectoryError as error:
-            found.append(Validation(name, None, {"message": str(error)}))
-            continue
-        found.append(Validation(name, metric.gt_ate, {"by_run": list(metric.by_run), "skipped": list(metric.skipped)}))
-        trial.set_user_attr("gt_ate" if len(study.sequences) == 1 else f"gt_ate_{name}", metric.gt_ate)
+        measured = _validation(name, sequence.ground_truth, scored.clean[name], definition)
+        found.append(measured)
+        if measured.value is not None:
+            key = definition.key if len(study.sequences) == 1 else f"{definition.key}_{name}"
+            trial.set_user_attr(key, measured.value)
     if found:
         validations.save(study.database, slot.trial_id, found)
+
+
+def changed_side_metric(definition: SideMetricDefinition, changes: Mapping[str, Any]) -> SideMetricDefinition:
+    """Return a side metric with changes to its section, or raise `DefinitionError` for a wrong one."""
+    return section_from_dict(SideMetricDefinition, {**definition.model_dump(), **changes}, source="side metric")
+
+
+def recompute_side_metric(
+    database: Database, name: str, definition: SideMetricDefinition, places: Mapping[str, Path] | None = None
+) -> dict[int, list[Validation]]:
+    """Return another side metric of the trials of a study by their ordinals, from the stored trajectories.
+
+    Nothing is run and nothing is stored; ground truth is read from the data sets, whose pixels must be the study's.
+    ``places`` gives the folders of sequences that lie elsewhere here.
+
+    Raises
+    ------
+    DefinitionError
+        No sequence of the study has ground truth.
+    SequenceError
+        A data set is missing here or has changed.
+    """
+    study = studies.get(database, name)
+    truths = _ground_truths(database, study, places or {})
+    if not truths:
+        raise DefinitionError(
+            f"study '{name}' has no sequence with ground truth, so there is no side metric to compute"
+        )
+    uses = [use for use in runs.of_study(database, study.id) if use.run.kind == "clean" and use.sequence_name in truths]
+    by_trial: dict[tuple[int, str], list[str]] = defaultdict(list)
+    for use in sorted(uses, key=lambda use: (use.ordinal, use.run.index)):
+        by_trial[use.ordinal, use.sequence_name].append(use.run.key)
+    stored = trajectories(database, list(dict.fromkeys(use.run.key for use in uses)))
+    found: dict[int, list[Validation]] = {}
+    for (ordinal, sequence), keys in by_trial.items():
+        clean = [stored[key] for key in keys]
+        found.setdefault(ordinal, []).append(_validation(sequence, truths[sequence], clean, definition))
+    return found
+
+
+def _ground_truths(database: Database, study: studies.Study, places: Mapping[str, Path]) -> dict[str, Trajectory]:
+    known = {one.name: one for one in studies.sequences(database, study.id)}
+    found = {}
+    for one in stored_definition(study).searched_sequences:
+        if not known[one.name].has_ground_truth:
+            continue
+        sequence = load_defined_sequence(one, Path(study.root), places.get(one.name))
+        check_fingerprint(sequence, known[one.name].fingerprint)
+        if sequence.ground_truth is not None:
+            found[one.name] = sequence.ground_truth
+    return found
+
+
+def _validation(
+    name: str, ground_truth: Trajectory, clean: Sequence[Trajectory], definition: SideMetricDefinition
+) -> Validation:
+    about = {"metric": definition.metric, "unit": definition.unit, "definition": definition.model_dump(mode="json")}
+    try:
+        metric = side_metric(ground_truth, clean, definition)
+    except TrajectoryError as error:
+        return Validation(name, None, {**about, "message": str(error)})
+    return Validation(name, metric.value, {**about, "by_run": list(metric.by_run), "skipped": list(metric.skipped)})

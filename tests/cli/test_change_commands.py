@@ -24,6 +24,16 @@ def test_rescore_shows_old_and_new_ranks(tuned: Cli) -> None:
     assert sorted(one["rank_before"] for one in found["trials"]) == [1, 2, 3, 4]
 
 
+def test_rescore_shows_another_error_against_ground_truth_with_its_unit(tuned: Cli) -> None:
+    asked = ("study", "rescore", "small", "--side", "metric=rpe_rotation", "--side", "rpe_delta=2")
+    shown = tuned(*asked)
+    found = json.loads(tuned(*asked, "--json").out)
+
+    assert "[deg]" in shown.out
+    assert found["side_metric"]["rpe_delta"] == 2
+    assert all(one["gt_rpe_rotation"] == one["ground_truth"]["room"] >= 0 for one in found["trials"])
+
+
 def test_extend_gives_more_trials(tuned: Cli) -> None:
     tuned("study", "extend", "small", "--trials", "5")
     tuned("study", "run", "small", "--jobs", "1")

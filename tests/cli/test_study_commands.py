@@ -70,3 +70,26 @@ def test_evaluate_scores_one_setting_without_a_storage(cli: Cli, room: Path, tmp
 
     assert json.loads(said.out)["gtf_ate"] > 0
     assert not list(tmp_path.glob("*.db"))
+
+
+def test_scores_and_true_errors_carry_the_units_that_the_definition_asks_for(cli: Cli, room: Path) -> None:
+    Path("small.toml").write_text(
+        'name = "small"\n[pipeline]\nname = "analytic"\n[[sequences]]\nname = "room"\npath = "room"\n'
+        '[space]\n"filter.max_error" = { low = 1e-3, high = 1e-1, log = true }\n'
+        '[gtf]\nclean_runs = 1\nnoisy_runs = 3\nmetric = "rpe_rotation"\n'
+        '[side_metric]\nmetric = "rpe_translation"\nrpe_delta = 2\n[search]\ntrials = 2\n'
+    )
+    cli("study", "create", "small.toml")
+    cli("study", "run", "small", "--jobs", "1")
+
+    told = cli("study", "show", "small")
+    shown = told.out
+    best = cli("study", "best", "small").out
+    header = cli("study", "export", "small", "--format", "csv").out.splitlines()[0]
+
+    assert "GTF RPE" in shown
+    assert "[deg]" in shown
+    assert "never seen by the search: RPE over 2 frames [GT unit]" in told.err
+    assert "deg" in best
+    assert "‰" not in shown + best
+    assert "gt_rpe_translation:room" in header

@@ -255,7 +255,7 @@ def mast3r_yaml() -> str:
     keys = [option["key"].split(".") for option in load_preset("mast3r_slam")["options"].values()]
     sections = dict.fromkeys(section for section, _ in keys)
     defaults = {tuple(name.split(".")): o["default"] for name, o in load_preset("mast3r_slam")["options"].items()}
-    lines = ["single_thread: False"]
+    lines = ["single_thread: False", "dataset:", "  subsample: 10"]
     for section in sections:
         lines += [f"{section}:", *(f"  {key}: {value}" for (one, key), value in defaults.items() if one == section)]
     return "\n".join(lines) + "\n"
@@ -298,3 +298,12 @@ def test_a_preset_cites_its_sources_and_documents_itself(name: str) -> None:
     assert preset["description"]
     assert all(source.startswith("https://github.com/") for source in preset["sources"])
     assert all(one.get("documentation") for one in preset["parameters"].values())
+
+
+def test_mast3r_slam_sees_every_image_that_the_sequence_has(frames: Sequence, tmp_path: Path) -> None:
+    pipeline = create({"preset": "mast3r_slam", **prepare(EXPECTED["mast3r_slam"], tmp_path)})
+
+    ContractCase(pipeline, frames).run(tmp_path / "run", FolderStages(tmp_path / "stages"), {})
+
+    written = (tmp_path / "run" / "workspace" / "work" / "configuration.yaml").read_text()
+    assert "  subsample: 1\n" in written

@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -100,3 +102,11 @@ def test_impossible_numbers_are_refused_by_name(field, value):
 def test_stop_before_start_is_refused():
     with pytest.raises(SequenceError, match="stop_s must be larger"):
         Extraction(start_s=5, stop_s=4)
+
+
+def test_a_video_in_the_place_of_a_sequence_is_told_how_to_become_one(tmp_path: Path) -> None:
+    video = tmp_path / "walk.MP4"
+    video.write_bytes(b"any")
+
+    with pytest.raises(SequenceError, match=r"this is a video; .*sequence extract walk.MP4 walk/"):
+        load_sequence(video)

@@ -62,7 +62,7 @@ def _score_line(point: TrialPoint, points: PointSet) -> str:
     if nominal is not None and nominal.value and point.ordinal and math.isfinite(point.value):
         facts.append(f"improvement on nominal {percent(1 - point.value / nominal.value)}")
     if math.isfinite(point.ground_truth):
-        facts.append(f"ground-truth ATE {significant(point.ground_truth, 4)}")
+        facts.append(f"{points.truth_name} {significant(point.ground_truth, 4)}")
     facts.append(f"coverage {share(point.coverage)}")
     if point.collapsed > 0:
         facts.append(f"{share(point.collapsed)} of the noisy runs collapsed")
@@ -107,6 +107,7 @@ def _sequence_table(data: StudyData) -> str:
 
 def _reading(data: StudyData) -> str:
     gtf, unit = data.definition.gtf, study_points(data).unit
+    side = data.definition.side_metric
     least, most = gtf.noisy_runs_min, gtf.noisy_runs_max
     noisy = str(least) if least == most else f"{least} to {most}"
     return "\n".join(
@@ -118,7 +119,8 @@ def _reading(data: StudyData) -> str:
             "- **Trial 0** is the nominal setting, and what every improvement is measured against.",
             "- A trial with a value of 1 or more is **infeasible**: a run failed or registered too few frames; the "
             "value is a penalty that keeps samplers away. Switch *Log y scale* on, or look at the figures instead.",
-            "- `gt_ate` is the error against **ground truth** where there is one. No part of the search reads it.",
+            f"- `{side.key}` is the error against **ground truth** where there is one ({side.words} "
+            f"[{side.unit}]). No part of the search reads it.",
         ]
     )
 

@@ -20,7 +20,7 @@ def trial_text(point: TrialPoint, points: PointSet) -> str:
     if math.isfinite(point.low):
         lines.append(f"95 % interval {interval(point.low, point.high)}")
     if math.isfinite(point.ground_truth):
-        lines.append(f"ground-truth ATE {significant(point.ground_truth, 4)}")
+        lines.append(f"{points.truth_name} {significant(point.ground_truth, 4)}")
     if math.isfinite(point.coverage):
         lines.append(f"coverage {share(point.coverage)}")
     if point.collapsed > 0:

@@ -63,11 +63,15 @@ class _Canvas:
     def is_crowded(self) -> bool:
         return len(self.curve.points) > _MANY
 
+    @property
+    def _truth_name(self) -> str:
+        return self.points.truth_name.replace("ground-truth", "true")
+
     def add_ground_truth(self) -> None:
         self._add_line(_truth, theme.GROUND_TRUTH, "y2")
         size, opacity = 4 if self.is_crowded else 7, 1.0 if self.curve.is_alone else 0.5
         marker = {"color": theme.GROUND_TRUTH, "symbol": "diamond", "size": size, "opacity": opacity}
-        self._add_marks(self._beside(_BESIDE), _truth, "y2", name="true ATE", marker=marker)
+        self._add_marks(self._beside(_BESIDE), _truth, "y2", name=self._truth_name, marker=marker)
 
     def add_interval(self) -> None:
         """Add a band where neighbours may be connected, and else nothing: single intervals are error bars."""
@@ -108,7 +112,7 @@ class _Canvas:
         self._add_star(self.curve.best, _score, "y", least, {"color": theme.GTF, "size": 13})
         if self.points.has_ground_truth:
             style = {"color": theme.GROUND_TRUTH, "size": 22}
-            self._add_star(self.curve.best_ground_truth, _truth, "y2", "least true ATE", style)
+            self._add_star(self.curve.best_ground_truth, _truth, "y2", f"least {self._truth_name}", style)
 
     def add_outside(self) -> None:
         """Mark trials without a score at the upper rim, where no value is claimed for them."""

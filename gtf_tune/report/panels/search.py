@@ -81,7 +81,7 @@ def _rank(point: TrialPoint) -> tuple[int, float, int]:
 def _trial_table(points: PointSet, rows: list[TrialPoint], options: list[str]) -> Html:
     has_truth = points.has_ground_truth
     columns = [">trial", "state", f">{points.unit.label}", ">95 % interval", ">improvement"]
-    columns += [*([">ground-truth ATE"] if has_truth else []), ">coverage", ">collapsed", ">time"]
+    columns += [*([f">{points.truth_label}"] if has_truth else []), ">coverage", ">collapsed", ">time"]
     columns += [f">{option.rpartition('.')[2]}" for option in options]
     return markup.table(columns, [_trial_row(point, points, options, has_truth=has_truth) for point in rows])
 

@@ -58,6 +58,11 @@ class PointSet:
     points: tuple[TrialPoint, ...]
 
     @property
+    def truth_name(self) -> str:
+        """Return what ``ground_truth`` is, without its unit."""
+        return self.truth_label.rsplit(" [", 1)[0]
+
+    @property
     def scored(self) -> tuple[TrialPoint, ...]:
         """Return the feasible points."""
         return tuple(point for point in self.points if point.is_scored)
@@ -82,18 +87,20 @@ def study_points(data: StudyData) -> PointSet:
     points = [
         _point(trial, trial.gtf_ate, unit, (trial.ci_low, trial.ci_high), truth, reprojection) for trial in data.trials
     ]
-    return PointSet("all sequences", unit, "ground-truth ATE [relative to nominal]", tuple(points))
+    return PointSet(
+        "all sequences", unit, f"ground-truth {data.definition.side_metric.words} [relative to nominal]", tuple(points)
+    )
 
 
 def sequence_points(data: StudyData, sequence: str) -> PointSet:
     """Return the trials with the scores that they have on one sequence."""
-    unit = sequence_unit(data.definition.gtf)
+    unit, side = sequence_unit(data.definition.gtf), data.definition.side_metric
     truth, reprojection = _truth(data, sequence), _reprojection(data, {sequence})
     points = []
     for trial in data.trials:
         detail = sequence_detail(data, trial.ordinal, sequence)
         points.append(_point(trial, detail.value, unit, (detail.low, detail.high), truth, reprojection))
-    return PointSet(sequence, unit, "ground-truth ATE [GT unit]", tuple(points))
+    return PointSet(sequence, unit, f"ground-truth {side.words} [{side.unit}]", tuple(points))
 
 
 def state_of(trial: Trial) -> PointState:
@@ -133,15 +140,15 @@ def _point(
 
 def _truth(data: StudyData, sequence: str) -> dict[int, float]:
     return {
-        ordinal: one.ate
+        ordinal: one.value
         for ordinal, found in data.validations.items()
         for one in found
-        if one.sequence_name == sequence and one.ate is not None
+        if one.sequence_name == sequence and one.value is not None
     }
 
 
 def _combined_truth(data: StudyData) -> dict[int, float]:
-    """Return the geometric mean over sequences of ground-truth ATE / that of nominal, as scores are combined."""
+    """Return the geometric mean over sequences of true error / that of nominal, as scores are combined."""
     by_sequence = [_truth(data, one.name) for one in data.sequences]
     usable = [errors for errors in by_sequence if errors.get(0, 0.0) > 0]
     ordinals = set.intersection(*(set(errors) for errors in usable)) if usable else set()

@@ -19,6 +19,8 @@ from gtf_tune.sequence.layouts.tum import ETH3D_SLAM, TUM_RGBD
 
 AUTO = "auto"
 
+_VIDEO_SUFFIXES = frozenset({".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".webm"})
+
 # The first that matches wins, so a layout stands before those whose marks it shares.
 _LAYOUTS: tuple[Layout, ...] = (
     ICL_NUIM,
@@ -61,6 +63,11 @@ def find_layout(root: Path, name: str = AUTO) -> Layout:
         found = next((layout for layout in _LAYOUTS if layout.matches(root)), None)
     except OSError as error:
         raise SequenceError(f"{root}: cannot look into the folder ({error.strerror}); check its permissions") from error
+    if found is None and root.suffix.lower() in _VIDEO_SUFFIXES:
+        raise SequenceError(
+            f"{root}: this is a video; take its frames out first with: gtf-tune sequence extract {root.name} "
+            f"{root.stem}/ --rate-hz 3, and give that folder"
+        )
     if found is None:
         raise SequenceError(
             f"{root}: found neither images nor a known layout ({', '.join(layout_names())}); give the folder that "
