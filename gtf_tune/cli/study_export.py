@@ -1,6 +1,7 @@
 """Write a pick in the forms that people paste back into their tools."""
 
 import json as json_module
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -79,24 +80,21 @@ def _trials_csv(database: "Database", study: "Study") -> str:
     from gtf_tune.study import export as export_module
 
     known = trials.of_study(database, study.id)
-    truth = validations.of_study(database, study.id)
+    truth = validations.ates(database, study.id)
     names = list(dict.fromkeys(option for trial in known for option in trial.options or {}))
-    sequences = sorted({one.sequence_name for found in truth.values() for one in found})
+    sequences = sorted({sequence for found in truth.values() for sequence in found})
     facts = ("ordinal", "state", "feasible", "value", "standard_error", "ci_low", "ci_high", "coverage")
     more = ("collapsed_rate", "clean_runs", "noisy_runs", "wall_s", "message")
+    known_facts = attrgetter(*facts, *more)
     rows = [
         [
-            *(getattr(trial, fact) for fact in (*facts, *more)),
-            *(_true_ate(truth.get(trial.ordinal, []), sequence) for sequence in sequences),
+            *known_facts(trial),
+            *(truth.get(trial.ordinal, {}).get(sequence) for sequence in sequences),
             *((trial.options or {}).get(option) for option in names),
         ]
         for trial in known
     ]
     return export_module.table_csv([*facts, *more, *(f"gt_ate:{one}" for one in sequences), *names], rows)
-
-
-def _true_ate(found: list[Any], sequence: str) -> float | None:
-    return next((one.ate for one in found if one.sequence_name == sequence), None)
 
 
 def _write_trajectories(database: "Database", trial: "Trial", folder: Path) -> None:

@@ -46,3 +46,17 @@ def of_study(database: Database, study_id: int) -> dict[int, list[Validation]]:
     for ordinal, *values in read_rows(database, query):
         found.setdefault(ordinal, []).append(Validation(*values))
     return found
+
+
+def ates(database: Database, study_id: int) -> dict[int, dict[str, float | None]]:
+    """Return the ATE of each sequence by the ordinal of the trial, without the other metrics; see `of_study`."""
+    query = (
+        select(models.Trial.ordinal, models.Validation.sequence_name, models.Validation.ate)
+        .join(models.Trial, models.Trial.id == models.Validation.trial_id)
+        .where(models.Trial.study_id == study_id)
+        .order_by(models.Trial.ordinal, models.Validation.sequence_name)
+    )
+    found: dict[int, dict[str, float | None]] = {}
+    for ordinal, name, ate in read_rows(database, query):
+        found.setdefault(ordinal, {})[name] = ate
+    return found
