@@ -18,6 +18,7 @@ from pathlib import Path
 from benchmarks import (
     cached_studies,
     five_options,
+    five_rendered,
     machine,
     many_trials,
     numerics,
@@ -37,6 +38,7 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     "jobs": side_by_side.run,
     "search": search_runs.run,
     "five-options": five_options.run,
+    "five-rendered": five_rendered.run,
     "sizing": sizing_rules.run,
     "many-trials": many_trials.run,
 }

@@ -18,8 +18,8 @@ from optuna.trial import TrialState
 
 from gtf_tune.definition import StudyDefinition, definition_from_dict
 from gtf_tune.execution import FreshStages
-from gtf_tune.pipelines import OptionValue, PipelineJob, create_pipeline
-from gtf_tune.pipelines.analytic import expected_error, imaginary_sequence
+from gtf_tune.pipelines import OptionValue, PipelineJob
+from gtf_tune.pipelines.analytic import AnalyticPipeline, create, imaginary_sequence
 from gtf_tune.pipelines.run import RunKind
 from gtf_tune.study.objective import FinishedRun, SequenceScore, score_sequence
 from gtf_tune.study.plan import RunPlanner
@@ -47,6 +47,7 @@ class BareStudy:
     """Search on the analytic pipeline; iterating over it makes one trial after another."""
 
     definition: StudyDefinition
+    pipeline: AnalyticPipeline = field(default_factory=lambda: create({}))
     space: SearchSpace = field(init=False)
     sizing: Sizing = field(init=False)
     runs: int = 0
@@ -56,7 +57,6 @@ class BareStudy:
     floor: float = 0.0
 
     def __post_init__(self) -> None:
-        self.pipeline = create_pipeline("analytic", self.definition.pipeline.settings)
         self.space = build_space(self.definition, self.pipeline.options)
         self.sizing = sizing_of(self.definition)
         self.planner = RunPlanner(
@@ -74,10 +74,10 @@ class BareStudy:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 self._trial(ordinal, fixed)
-            yield Step(self.runs, expected_error({**self.definition.pipeline.options, **self.pick}))
+            yield Step(self.runs, self.pipeline.expected_error({**self.definition.pipeline.options, **self.pick}))
 
     def _trial(self, ordinal: int, fixed: Mapping[str, Any] | None) -> None:
-        self.study.sampler = make_sampler(self.definition.search, ordinal)
+        self.study.sampler = make_sampler(self.definition.search, ordinal, self.space)
         if fixed is not None:
             self.study.enqueue_trial(dict(fixed))
         trial = self.study.ask()
@@ -146,10 +146,10 @@ def define(space: Mapping[str, Any], gtf: Mapping[str, Any], search: Mapping[str
     )
 
 
-def search(definition: StudyDefinition, budget: int) -> list[Step]:
+def search(definition: StudyDefinition, budget: int, pipeline: AnalyticPipeline | None = None) -> list[Step]:
     """Return the steps of a search until it has spent ``budget`` runs or tried its whole grid."""
     steps: list[Step] = []
-    for step in BareStudy(definition):
+    for step in BareStudy(definition, pipeline or create({})):
         if step.runs > budget and steps:
             break
         steps.append(step)

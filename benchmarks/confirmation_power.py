@@ -21,7 +21,8 @@ import numpy as np
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.gtf import GtfScore, find_collapsed
-from gtf_tune.study.confirm_verdict import ADOPT, Findings, Measured, judge
+from gtf_tune.study.confirm_verdict import Findings, Measured, judge
+from gtf_tune.study.verdicts import ADOPT
 from gtf_tune.trajectory import FloatArray
 
 CLEAN_RUNS = 2

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.images import FIXED_OPTIONS, in_words, room
+from benchmarks.images import FIXED_OPTIONS, fountain, in_words, room
 from benchmarks.section import Aim, Effort, Section
 from gtf_tune.execution import LocalExecutor, StageCache
 from gtf_tune.sequence import Sequence
@@ -51,27 +51,38 @@ class StudyTime:
     def __post_init__(self) -> None:
         object.__setattr__(self, "outside_ms", 1e3 * (self.wall_s - self.in_stages_s) / self.runs)
 
+    @property
+    def share(self) -> float:
+        """Return the part of the wall time that is outside the stages."""
+        return 1.0 - self.in_stages_s / self.wall_s
+
 
 def run(effort: Effort) -> Section:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         images = room(folder)
         analytic = time_study(folder, _analytic(images), effort.pick(30, 100))
-        glomap = time_study(folder, _glomap(images), effort.pick(4, 12))
-    share = glomap.outside_ms / 1e3 / (glomap.wall_s / glomap.runs)
+        found = {f"glomap, {images.name}": time_study(folder, _glomap(images), effort.pick(4, 12))}
+        photographs = fountain()
+        if photographs:
+            found[f"glomap, {photographs.name}"] = time_study(folder, _glomap(photographs), effort.pick(2, 4))
     return Section(
         title="Overhead: wall time outside the pipeline",
         text=(
-            f"A study on {in_words(images)} with one job, on SQLite, by TPE: wall time per run, the part of it inside "
+            f"A study on {in_words(images)}{_and(photographs)} with one job, on SQLite, by "
+            "TPE: wall time per run, the part of it inside "
             "the run's process, and what remains outside the stages of the pipeline: asking the sampler, starting the "
             "run, checking cached stages, scoring, storing. The analytic pipeline computes its result in well under a "
             "millisecond."
         ),
         header=("pipeline", "runs", "a run", "in its process", "outside the stages"),
-        rows=tuple(_row(name, one) for name, one in (("analytic", analytic), ("glomap", glomap))),
+        rows=tuple(_row(name, one) for name, one in {"analytic": analytic, **found}.items()),
         aims=(
             _aim(f"at most {AIM_MS:g} ms a run", f"{analytic.outside_ms:.0f} ms", analytic.outside_ms <= AIM_MS),
-            _aim(f"at most {AIM_SHARE:.0%} of a glomap run", f"{share:.1%}", share <= AIM_SHARE),
+            *(
+                _aim(f"at most {AIM_SHARE:.0%} of a run of {name}", f"{one.share:.1%}", one.share <= AIM_SHARE)
+                for name, one in found.items()
+            ),
         ),
     )
 
@@ -104,12 +115,16 @@ def _analytic(images: Sequence) -> dict[str, Any]:
 
 def _glomap(images: Sequence) -> dict[str, Any]:
     return {
-        "name": "glomap",
+        "name": f"glomap-{len(images)}",
         "pipeline": {"name": "glomap", "options": FIXED_OPTIONS},
-        "sequences": [{"name": "room", "path": str(images.root)}],
+        "sequences": [{"name": "room", "path": str(images.root.resolve())}],
         "space": {"mapper.max_normalized_reproj_error": {"low": 2e-3, "high": 0.1, "log": True}},
         "gtf": {"clean_runs": 2, "noisy_runs": 2, "noise_sigma": 5.0},
     }
+
+
+def _and(photographs: Sequence | None) -> str:
+    return f", and on {in_words(photographs)}," if photographs else ""
 
 
 def _row(name: str, found: StudyTime) -> tuple[str, ...]:

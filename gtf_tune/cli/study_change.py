@@ -100,9 +100,11 @@ def _true_errors(database: "Database", name: str, side: list[str] | None, places
     study = studies.get(database, name)
     stored = stored_definition(study).side_metric
     if not side:
-        return TrueErrors(stored, validations.of_study(database, study.id))
+        return TrueErrors(stored, validations.values(database, study.id))
     changed = changed_side_metric(stored, parse_pairs(side, "--side"))
-    return TrueErrors(changed, recompute_side_metric(database, name, changed, place_folders(places)))
+    found = recompute_side_metric(database, name, changed, place_folders(places))
+    by_trial = {ordinal: {one.sequence_name: one.value for one in errors} for ordinal, errors in found.items()}
+    return TrueErrors(changed, by_trial)
 
 
 def _write(found: "Rescored", truth: TrueErrors) -> None:

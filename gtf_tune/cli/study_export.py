@@ -1,6 +1,7 @@
 """Write a pick in the forms that people paste back into their tools."""
 
 import json as json_module
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -81,14 +82,15 @@ def _trials_csv(database: "Database", study: "Study") -> str:
     from gtf_tune.study.stored import stored_definition
 
     known = trials.of_study(database, study.id)
-    truth = TrueErrors(stored_definition(study).side_metric, validations.of_study(database, study.id))
+    truth = TrueErrors(stored_definition(study).side_metric, validations.values(database, study.id))
     names = list(dict.fromkeys(option for trial in known for option in trial.options or {}))
     sequences = sorted(truth.sequences)
     facts = ("ordinal", "state", "feasible", "value", "standard_error", "ci_low", "ci_high", "coverage")
     more = ("collapsed_rate", "clean_runs", "noisy_runs", "wall_s", "message")
+    known_facts = attrgetter(*facts, *more)
     rows = [
         [
-            *(getattr(trial, fact) for fact in (*facts, *more)),
+            *known_facts(trial),
             *(truth.value(trial.ordinal, sequence) for sequence in sequences),
             *((trial.options or {}).get(option) for option in names),
         ]

@@ -14,7 +14,7 @@ def warn_of_lost_frames(database: "Database", study_id: int) -> None:
     """Say on stderr on which sequences the nominal setting loses frames, without noise or because of it."""
     from gtf_tune.store import trials
 
-    nominal = next((one for one in trials.of_study(database, study_id) if one.ordinal == 0), None)
+    nominal = trials.nominal(database, study_id)
     if nominal is None or nominal.state != "complete":
         return
     for name, found in trials.details(database, [nominal.id])[nominal.id]["sequences"].items():

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from gtf_tune.definition import StudyDefinition
     from gtf_tune.report.units import ScoreUnit
     from gtf_tune.store.runs import RunTotals
-    from gtf_tune.store.trials import Trial
+    from gtf_tune.store.trials import Effort, Trial
     from gtf_tune.study.picking import Pick
     from gtf_tune.study.recommendation import Recommendation
 
@@ -73,11 +73,10 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
 
     database = open_storage(storage)
     study = studies.get(database, name)
-    known = trials.of_study(database, study.id)
     definition = stored_definition(study)
-    truth = TrueErrors(definition.side_metric, validations.of_study(database, study.id))
+    truth = TrueErrors(definition.side_metric, validations.values(database, study.id))
     if json:
-        shown = [{**vars(trial), **truth.as_json(trial.ordinal)} for trial in known]
+        shown = [{**vars(one), **truth.as_json(one.ordinal)} for one in trials.of_study(database, study.id)]
         write_json(
             {
                 "name": study.name,
@@ -88,15 +87,18 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
             }
         )
         return
-    _write_heading(definition, study.state, known, runs.totals(database, study.id))
+    efforts = trials.efforts(database, study.id)
+    _write_heading(definition, study.state, efforts, runs.totals(database, study.id))
     if truth.by_trial:
         say(f"ground truth, never seen by the search: {truth.side.words} [{truth.side.unit}]")
-    ranked = sorted(known, key=_rank)
-    first = ranked[:_SHOWN_TRIALS]
-    chosen = ranked if all_ else first + [one for one in ranked[_SHOWN_TRIALS:] if one.ordinal == 0]
-    _write_trials(chosen, truth, definition_unit(definition))
-    if len(chosen) < len(known):
-        say(f"{len(known) - len(chosen)} more trials with --all")
+    count = sum(one.count for one in efforts)
+    chosen = trials.ranked(database, study.id, count if all_ else _SHOWN_TRIALS)
+    nominal = trials.nominal(database, study.id)
+    if nominal is not None and nominal.ordinal not in [one.ordinal for one in chosen]:
+        chosen.append(nominal)
+    _write_trials(chosen, truth, definition_unit(definition), trials.option_names(database, study.id))
+    if len(chosen) < count:
+        say(f"{count - len(chosen)} more trials with --all")
     warn_of_lost_frames(database, study.id)
     say(f"Next: gtf-tune study best {name}{storage_flag(database)}")
 
@@ -146,17 +148,12 @@ def delete(
     say(f"deleted study '{name}'")
 
 
-def _rank(trial: "Trial") -> tuple[bool, bool, float, int]:
-    value = trial.value if trial.value is not None else float("inf")
-    return (not trial.feasible, trial.state != "complete", value, trial.ordinal)
-
-
-def _write_heading(definition: "StudyDefinition", state: str, known: list["Trial"], cost: "RunTotals") -> None:
+def _write_heading(definition: "StudyDefinition", state: str, efforts: list["Effort"], cost: "RunTotals") -> None:
     gtf = definition.gtf
     noisy = str(gtf.noisy_runs_max)
     if gtf.noisy_runs_min < gtf.noisy_runs_max:
         noisy = f"{gtf.noisy_runs_min} to {gtf.noisy_runs_max}"
-    finished = sum(trial.state != "claimed" for trial in known)
+    finished = sum(one.count for one in efforts if one.state != "claimed")
     write_pairs(
         {
             "study": f"{definition.name} ({state}, {finished} trials done)",
@@ -166,23 +163,22 @@ def _write_heading(definition: "StudyDefinition", state: str, known: list["Trial
             "score": f"{gtf.metric}, {gtf.aggregate}, {gtf.alignment}, normalised by {gtf.normalise}",
             "sampler": f"{definition.search.sampler}, seed {definition.search.seed}",
             "runs": f"{cost.made} made in {duration(cost.made_s)}, {cost.reused} reused, {cost.failed} failed",
-            "spared": _spared(definition, known),
+            "spared": _spared(definition, efforts),
         }
     )
     write_line("")
 
 
-def _spared(definition: "StudyDefinition", known: list["Trial"]) -> str:
+def _spared(definition: "StudyDefinition", efforts: list["Effort"]) -> str:
     from gtf_tune.study.sizing_savings import runs_saved
 
-    saved = runs_saved(known, definition)
+    saved = runs_saved(efforts, definition)
     ways = {"sizing": saved.by_sizing, "the pruner": saved.by_pruner, "infeasible trials": saved.by_coverage}
     told = ", ".join(f"{count} by {way}" for way, count in ways.items() if count)
     return f"{told} ({saved.share:.0%} of {saved.full} runs)" if told else "no run: every trial took all of its runs"
 
 
-def _write_trials(chosen: list["Trial"], truth: TrueErrors, unit: "ScoreUnit") -> None:
-    names = list(next((trial.options for trial in chosen if trial.options), {}))
+def _write_trials(chosen: list["Trial"], truth: TrueErrors, unit: "ScoreUnit", names: list[str]) -> None:
     columns = [">trial", f">{unit.name} [{_symbol(unit)}]", ">± se", *truth.columns, ">coverage"]
     columns += [f">{name}" for name in _short_names(names)] if len(names) <= _OPTION_COLUMNS else ["options"]
     rows = []

@@ -1,6 +1,6 @@
 """Show errors against ground truth beside the scores of trials."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +10,6 @@ from gtf_tune.cli.console import number
 
 if TYPE_CHECKING:
     from gtf_tune.definition import SideMetricDefinition
-    from gtf_tune.store.validations import Validation
 
 Side = Annotated[
     list[str] | None,
@@ -24,15 +23,15 @@ Side = Annotated[
 
 @dataclass(frozen=True)
 class TrueErrors:
-    """Hold the side metric of trials by their ordinals, and which metric it is."""
+    """Hold the side metric of trials by their ordinals and the names of sequences, and which metric it is."""
 
     side: "SideMetricDefinition"
-    by_trial: Mapping[int, Sequence["Validation"]]
+    by_trial: Mapping[int, Mapping[str, float | None]]
 
     @property
     def sequences(self) -> list[str]:
         """Return the names of the sequences that have ground truth."""
-        return list(dict.fromkeys(one.sequence_name for found in self.by_trial.values() for one in found))
+        return list(dict.fromkeys(name for found in self.by_trial.values() for name in found))
 
     @property
     def columns(self) -> list[str]:
@@ -48,8 +47,7 @@ class TrueErrors:
 
     def value(self, ordinal: int, sequence: str) -> float | None:
         """Return the error of a trial on a sequence, ``None`` where it is not known."""
-        found = self.by_trial.get(ordinal, ())
-        return next((one.value for one in found if one.sequence_name == sequence), None)
+        return self.by_trial.get(ordinal, {}).get(sequence)
 
     def as_json(self, ordinal: int) -> dict[str, Any]:
         """Return the error of a trial under its name (of a single sequence), and those of all sequences."""

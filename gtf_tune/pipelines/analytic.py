@@ -100,16 +100,24 @@ class AnalyticPipeline:
             FAILURES[self.settings["failure"]]()
         truth = _truth_of(job.images.sequence.frames)
         errors = self._position_errors(job, options, generator, len(truth))
-        kept = generator.random(len(truth)) >= missing_share(options)
+        kept = generator.random(len(truth)) >= self.missing_share(options)
         if not kept.any():
             raise RunError("the analytic pipeline registered no frame; allow larger errors")
         return PipelineOutput(_moved(truth, errors, generator, kept), {"num_registered": int(kept.sum())})
+
+    def expected_error(self, options: Mapping[str, OptionValue]) -> float:
+        """Return the RMS position error in metres that options lead to."""
+        return expected_error(options)
+
+    def missing_share(self, options: Mapping[str, OptionValue]) -> float:
+        """Return the expected share of frames without a pose."""
+        return missing_share(options)
 
     def _position_errors(
         self, job: PipelineJob, options: Mapping[str, OptionValue], generator: np.random.Generator, frames: int
     ) -> FloatArray:
         """Return the errors (n, 3) in metres of one run."""
-        error_m = expected_error(options)
+        error_m = self.expected_error(options)
         of_sequence = np.random.default_rng(frames)
         errors: FloatArray = error_m * of_sequence.standard_normal((frames, 3)) / math.sqrt(3)
         errors += _CLEAN_SHARE * error_m * generator.standard_normal((frames, 3))

@@ -3,11 +3,13 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from gtf_tune.pipelines.options import OptionTable, OptionValue
-from gtf_tune.sequence import Camera, ImageSource
-from gtf_tune.trajectory import Trajectory
+
+if TYPE_CHECKING:  # whoever only reads studies needs neither images nor poses
+    from gtf_tune.sequence import Camera, ImageSource
+    from gtf_tune.trajectory import Trajectory
 
 DiagnosticValue = bool | int | float | str
 
@@ -33,8 +35,8 @@ class PipelineJob:
     31-bit number, ``workspace`` an empty folder of the run's own.
     """
 
-    images: ImageSource
-    camera: Camera | None
+    images: "ImageSource"
+    camera: "Camera | None"
     options: Mapping[str, OptionValue]
     seed: int
     threads: int
@@ -51,7 +53,7 @@ class PipelineOutput:
     seconds of a stage.
     """
 
-    trajectory: Trajectory
+    trajectory: "Trajectory"
     diagnostics: Mapping[str, DiagnosticValue] = field(default_factory=dict)
 
 

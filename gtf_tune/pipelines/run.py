@@ -4,12 +4,14 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from gtf_tune.pipelines.base import DiagnosticValue, Pipeline
 from gtf_tune.pipelines.options import OptionValue
-from gtf_tune.sequence import ImageSource, Sequence
-from gtf_tune.trajectory import Trajectory
+
+if TYPE_CHECKING:  # whoever only reads studies needs neither images nor poses
+    from gtf_tune.sequence import ImageSource, Sequence
+    from gtf_tune.trajectory import Trajectory
 
 RunKind = Literal["clean", "noisy"]
 RunStatus = Literal["ok", "failed"]
@@ -25,7 +27,7 @@ class RunRequest:
 
     pipeline: Pipeline
     options: Mapping[str, OptionValue]
-    sequence: Sequence
+    sequence: "Sequence"
     kind: RunKind
     index: int
     noise_sigma: float
@@ -34,8 +36,10 @@ class RunRequest:
     threads: int = 1
 
     @property
-    def images(self) -> ImageSource:
+    def images(self) -> "ImageSource":
         """Return the images that the run reads."""
+        from gtf_tune.sequence import ImageSource
+
         return ImageSource(self.sequence, sigma=self.noise_sigma, seed=self.noise_seed)
 
     @property
@@ -66,7 +70,7 @@ class RunOutcome:
     """
 
     status: RunStatus
-    trajectory: Trajectory
+    trajectory: "Trajectory"
     error: str = ""
     diagnostics: Mapping[str, DiagnosticValue] = field(default_factory=dict)
     wall_s: float = 0.0

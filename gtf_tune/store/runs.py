@@ -14,8 +14,6 @@ from gtf_tune.store import models
 from gtf_tune.store.database import Database
 from gtf_tune.store.rows import chunks, columns_of
 from gtf_tune.store.session import read, read_rows, write
-from gtf_tune.store.trajectories import digest_of
-from gtf_tune.trajectory import to_bytes
 
 
 @dataclass(frozen=True)
@@ -101,6 +99,8 @@ def save(database: Database, request: RunRequest, outcome: RunOutcome) -> Stored
     StorageError
         The database cannot be written to; a full disk says so.
     """
+    from gtf_tune.trajectory import to_bytes  # takes scipy, which no reader of studies needs
+
     row = _row(request, outcome)
     trajectory = to_bytes(outcome.trajectory)
 
@@ -118,6 +118,8 @@ def save(database: Database, request: RunRequest, outcome: RunOutcome) -> Stored
 
 
 def _row(request: RunRequest, outcome: RunOutcome) -> dict[str, Any]:
+    from gtf_tune.store.trajectories import digest_of
+
     return {
         "key": request.key,
         "pipeline": request.pipeline.name,

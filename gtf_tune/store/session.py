@@ -26,7 +26,8 @@ def read(database: Database, work: Callable[[Session], Result]) -> Result:
 
 def read_rows(database: Database, query: Executable) -> list[tuple[Any, ...]]:
     """Return the rows that one query finds."""
-    return read(database, lambda session: [tuple(row) for row in session.execute(query)])
+    # Not by `session.execute`: columns need no treatment as objects, and thousands of rows take half as long without.
+    return read(database, lambda session: [tuple(row) for row in session.connection().execute(query)])
 
 
 def write(database: Database, work: Callable[[Session], Result]) -> Result:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Executable, Select, String, cast, column, func, select, table
+from sqlalchemy import Executable, Select, String, case, cast, column, func, select, table
 
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.options import OptionValue
@@ -52,6 +52,17 @@ class Trial:
     message: str
 
 
+@dataclass(frozen=True)
+class Effort:
+    """Hold how many trials of a study ended in one way with one number of runs."""
+
+    state: TrialState
+    feasible: bool | None
+    clean_runs: int
+    noisy_runs: int
+    count: int = 1
+
+
 def of_study(database: Database, study_id: int) -> list[Trial]:
     """Return all trials of a study by ordinal."""
     return _read(database, _of(study_id).order_by(models.Trial.ordinal))
@@ -69,6 +80,40 @@ def get(database: Database, study_id: int, ordinal: int) -> Trial:
     if not found:
         raise StorageError(f"the study has no trial {ordinal} in {database.shown_url}; see 'gtf-tune study show'")
     return found[0]
+
+
+def nominal(database: Database, study_id: int) -> Trial | None:
+    """Return trial 0, or None before anybody has taken it."""
+    found = _read(database, _of(study_id).where(models.Trial.ordinal == 0))
+    return found[0] if found else None
+
+
+def ranked(database: Database, study_id: int, limit: int) -> list[Trial]:
+    """Return the first trials of a study: feasible ones before others, complete ones before others, best ones first."""
+    trial = models.Trial
+    order = (
+        case((trial.feasible.is_(True), 0), else_=1),
+        case((trial.state == "complete", 0), else_=1),
+        case((trial.value.is_(None), 1), else_=0),
+        trial.value,
+        trial.ordinal,
+    )
+    return _read(database, _of(study_id).order_by(*order).limit(limit))
+
+
+def efforts(database: Database, study_id: int) -> list[Effort]:
+    """Return how the trials of a study ended and with how many runs, counted by one query."""
+    trial = models.Trial
+    groups = (trial.state, trial.feasible, trial.clean_runs, trial.noisy_runs)
+    query = select(*groups, func.count()).where(trial.study_id == study_id).group_by(*groups)
+    return [Effort(*row) for row in read_rows(database, query)]
+
+
+def option_names(database: Database, study_id: int) -> list[str]:
+    """Return the names of the searched options, in the order of the first trial that has any."""
+    trial = models.Trial
+    query = select(trial.options).where(trial.study_id == study_id, trial.options.is_not(None))
+    return next((list(row[0]) for row in read_rows(database, query.order_by(trial.ordinal).limit(1))), [])
 
 
 def best(database: Database, study_id: int, before: int | None = None) -> Trial | None:

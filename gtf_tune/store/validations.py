@@ -51,6 +51,20 @@ def of_study(database: Database, study_id: int) -> dict[int, list[Validation]]:
         .order_by(models.Trial.ordinal, models.Validation.sequence_name)
     )
     found: dict[int, list[Validation]] = {}
-    for ordinal, *values in read_rows(database, query):
-        found.setdefault(ordinal, []).append(Validation(*values))
+    for ordinal, *columns in read_rows(database, query):
+        found.setdefault(ordinal, []).append(Validation(*columns))
+    return found
+
+
+def values(database: Database, study_id: int) -> dict[int, dict[str, float | None]]:
+    """Return the side metric of each sequence by the ordinal of the trial, without its details; see `of_study`."""
+    query = (
+        select(models.Trial.ordinal, models.Validation.sequence_name, models.Validation.value)
+        .join(models.Trial, models.Trial.id == models.Validation.trial_id)
+        .where(models.Trial.study_id == study_id)
+        .order_by(models.Trial.ordinal, models.Validation.sequence_name)
+    )
+    found: dict[int, dict[str, float | None]] = {}
+    for ordinal, name, value in read_rows(database, query):
+        found.setdefault(ordinal, {})[name] = value
     return found

@@ -16,9 +16,7 @@ from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.gtf import GtfScore, PairedDifference, holm, paired_difference
 from gtf_tune.pipelines import OptionValue
-
-ADOPT = "adopt"
-KEEP = "keep nominal"
+from gtf_tune.study.verdicts import ADOPT, KEEP
 
 SIGNIFICANCE = 0.05
 

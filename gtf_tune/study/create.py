@@ -92,10 +92,11 @@ def open_study(
         sequence = load_defined_sequence(one, Path(record.root), (places or {}).get(one.name))
         check_fingerprint(sequence, expected[one.name])
         sequences[one.name] = sequence
+    space = build_space(definition, pipeline.options)
     optuna_study = optuna.load_study(
         study_name=name,
         storage=optuna_storage(database),
-        sampler=make_sampler(definition.search, 0),
+        sampler=make_sampler(definition.search, 0, space),
         pruner=make_pruner(definition.search),
     )
     return OpenStudy(
@@ -103,7 +104,7 @@ def open_study(
         record=record,
         definition=definition,
         pipeline=pipeline,
-        space=build_space(definition, pipeline.options),
+        space=space,
         sequences=sequences,
         sigmas={str(key): float(value) for key, value in record.resolved["noise_sigma"].items()},
         optuna_study=optuna_study,

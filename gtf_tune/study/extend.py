@@ -20,7 +20,7 @@ from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.opened import make_pipeline, trial_budget
 from gtf_tune.study.space import build_space
 
-_WIDENABLE = ("tpe", "random", "gp", "qmc")
+_WIDENABLE = ("refine", "tpe", "random", "gp", "qmc")
 
 
 @dataclass(frozen=True)

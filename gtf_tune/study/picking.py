@@ -4,9 +4,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from scipy.special import stdtrit
-
 from gtf_tune.store import trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trials import Trial
@@ -44,9 +41,10 @@ class Pick:
 
 def pick(database: Database, study_id: int) -> Pick:
     """Return the pick of a study as it stands: the feasible trial of the smallest value."""
-    known = trials.of_study(database, study_id)
-    nominal = next((trial for trial in known if trial.ordinal == 0 and trial.value is not None), None)
+    nominal = trials.nominal(database, study_id)
     best = trials.best(database, study_id)
+    if nominal is not None and nominal.value is None:
+        nominal = None
     if nominal is None or best is None or not nominal.feasible:
         return Pick(nominal, best, None)
     details = trials.details(database, [nominal.id, best.id])
@@ -62,10 +60,14 @@ def improvement(nominal: Sequence[float], best: Sequence[float]) -> Improvement:
     count = min(len(nominal), len(best))
     if count == 0:
         return Improvement(math.nan, math.nan, math.nan, 0)
+    import numpy as np  # here, like scipy below: most readers of studies need neither
+
     logs = np.log(np.asarray(best[:count], dtype=np.float64) / np.asarray(nominal[:count], dtype=np.float64))
     centre = float(logs.mean())
     if count == 1:
         return Improvement(1 - math.exp(centre), math.nan, math.nan, 1)
+    from scipy.special import stdtrit
+
     half = float(stdtrit(count - 1, (1 + _CONFIDENCE) / 2) * logs.std(ddof=1) / math.sqrt(count))
     return Improvement(1 - math.exp(centre), 1 - math.exp(centre + half), 1 - math.exp(centre - half), count)
 

@@ -8,7 +8,7 @@ from gtf_tune.errors import StorageError
 from gtf_tune.store import confirmations, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.confirm_verdict import ADOPT, KEEP
+from gtf_tune.study.verdicts import ADOPT, KEEP
 
 UNCONFIRMED = "unconfirmed"
 

@@ -89,6 +89,11 @@ class Axis:
         return untried if len(untried) else places
 
     @property
+    def has_steps(self) -> bool:
+        """Tell whether there are values between which nothing lies."""
+        return isinstance(self.distribution, IntDistribution) or self.distribution.step is not None
+
+    @property
     def _ends(self) -> tuple[float, float]:
         return self._scaled(self.distribution.low), self._scaled(self.distribution.high)
 
@@ -97,7 +102,7 @@ class Axis:
 
 
 def _choose(others: list[FrozenTrial], name: str, axis: Axis) -> float:
-    known = _log_scores(others)
+    known = log_scores(others)
     if not known:
         return 0.5
     places = np.array([axis.place(others[index].params[name]) for index in known])
@@ -109,7 +114,7 @@ def _choose(others: list[FrozenTrial], name: str, axis: Axis) -> float:
     return next_place(fit_curve(places, values), axis.candidates(places))
 
 
-def _log_scores(trials: list[FrozenTrial]) -> dict[int, float]:
+def log_scores(trials: list[FrozenTrial]) -> dict[int, float]:
     """Return comparable logarithms of the scores of finished trials, by their position in the list."""
     complete = {
         index: math.log(one.value)

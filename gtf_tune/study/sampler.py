@@ -3,15 +3,18 @@
 import warnings
 from typing import Any
 
+from optuna.distributions import CategoricalDistribution
 from optuna.exceptions import ExperimentalWarning
 from optuna.pruners import BasePruner, NopPruner, WilcoxonPruner
 from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, QMCSampler, RandomSampler, TPESampler
 
-from gtf_tune.definition import RangeAxis, SearchDefinition, StudyDefinition
+from gtf_tune.definition import SearchDefinition, StudyDefinition
 from gtf_tune.errors import DefinitionError
 from gtf_tune.study.refine import RefineSampler
+from gtf_tune.study.refine_many import RefineManySampler
 from gtf_tune.study.seeds import SeedSource
 from gtf_tune.study.sizing import PRUNER_FIRST
+from gtf_tune.study.space import SearchSpace
 
 WILCOXON_P = 0.05
 WILCOXON_FEWEST = 8
@@ -21,7 +24,7 @@ _EXTRAS = {"gp": ("torch", "gp"), "cmaes": ("cmaes", "cmaes")}
 _BLIND_TO_STOPPED = ("gp", "cmaes")
 
 
-def make_sampler(search: SearchDefinition, ordinal: int) -> BaseSampler:
+def make_sampler(search: SearchDefinition, ordinal: int, space: SearchSpace) -> BaseSampler:
     """Return the sampler that chooses the options of trial ``ordinal``.
 
     Its seed follows from the study's seed and the ordinal alone, so a resumed study goes on as if it had never stopped.
@@ -33,7 +36,7 @@ def make_sampler(search: SearchDefinition, ordinal: int) -> BaseSampler:
     seed = seeds.sampler_seed(ordinal)
     makers: dict[str, Any] = {
         "tpe": lambda: TPESampler(seed=seed),
-        "refine": RefineSampler,
+        "refine": lambda: _refine(space, seeds.sampler_seed(0), seed),
         "gp": lambda: GPSampler(seed=seed, deterministic_objective=False),
         "cmaes": lambda: CmaEsSampler(seed=seed, warn_independent_sampling=False),
         "qmc": lambda: QMCSampler(seed=seeds.sampler_seed(0), warn_independent_sampling=False),
@@ -42,6 +45,13 @@ def make_sampler(search: SearchDefinition, ordinal: int) -> BaseSampler:
     }
     sampler: BaseSampler = makers[search.sampler]()
     return sampler
+
+
+def _refine(space: SearchSpace, start_seed: int, seed: int) -> BaseSampler:
+    axes = {axis.name: axis.distribution for axis in space.axes}
+    if len(axes) == 1 and not isinstance(space.axes[0].distribution, CategoricalDistribution):
+        return RefineSampler()
+    return RefineManySampler(axes, start_seed, seed)
 
 
 def make_pruner(search: SearchDefinition) -> BasePruner:
@@ -55,7 +65,7 @@ def make_pruner(search: SearchDefinition) -> BasePruner:
 
 def check_search(definition: StudyDefinition) -> None:
     """Raise one `DefinitionError` that names everything that sampler, pruner and sizing cannot do together."""
-    faults = [*_sampler_faults(definition), *_stopping_faults(definition)]
+    faults = _stopping_faults(definition)
     if faults:
         raise DefinitionError("; ".join(faults))
     require_extra(definition.search.sampler)
@@ -72,16 +82,6 @@ def require_extra(sampler: str) -> None:
         raise DefinitionError(
             f"sampler '{sampler}' needs the package '{module}'; install it with: pip install 'gtf-tune[{extra}]'"
         ) from error
-
-
-def _sampler_faults(definition: StudyDefinition) -> list[str]:
-    axes = list(definition.space.values())
-    if definition.search.sampler != "refine" or (len(axes) == 1 and isinstance(axes[0], RangeAxis)):
-        return []
-    return [
-        f"sampler 'refine' searches one option between low and high, not {len(axes)} options or a list of values; "
-        "use 'tpe', or 'grid' for lists"
-    ]
 
 
 def _stopping_faults(definition: StudyDefinition) -> list[str]:
@@ -105,6 +105,6 @@ def _stopping_faults(definition: StudyDefinition) -> list[str]:
     if (adaptive or pruned) and search.sampler in _BLIND_TO_STOPPED:
         faults.append(
             f"sampler '{search.sampler}' does not learn from trials that were stopped early and would repeat them; "
-            f"use sampler 'tpe', or drop {asked}"
+            f"use sampler 'refine' or 'tpe', or drop {asked}"
         )
     return faults

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from gtf_tune.definition import StudyDefinition
-from gtf_tune.store.trials import Trial
+from gtf_tune.store.trials import Effort
 
 
 @dataclass(frozen=True)
@@ -27,15 +27,14 @@ class Savings:
         return 1.0 - self.asked / self.full if self.full else 0.0
 
 
-def runs_saved(trials: Iterable[Trial], definition: StudyDefinition) -> Savings:
+def runs_saved(efforts: Iterable[Effort], definition: StudyDefinition) -> Savings:
     """Return what stopping early has saved in the finished trials of a study."""
     gtf = definition.gtf
     each = (gtf.clean_runs + gtf.noisy_runs_max) * len(definition.searched_sequences)
-    finished = [trial for trial in trials if trial.state in ("complete", "pruned")]
-    spared = {trial.ordinal: max(each - trial.clean_runs - trial.noisy_runs, 0) for trial in finished}
-    stopped = sum(spared[trial.ordinal] for trial in finished if trial.state == "pruned")
-    infeasible = sum(spared[trial.ordinal] for trial in finished if trial.state == "complete" and not trial.feasible)
-    asked = sum(trial.clean_runs + trial.noisy_runs for trial in finished)
+    finished = [one for one in efforts if one.state in ("complete", "pruned")]
+    stopped = sum(_spared(one, each) for one in finished if one.state == "pruned")
+    infeasible = sum(_spared(one, each) for one in finished if one.state == "complete" and not one.feasible)
+    asked = sum((one.clean_runs + one.noisy_runs) * one.count for one in finished)
     pruner = definition.search.pruner != "none"
     return Savings(
         full=asked + stopped + infeasible,
@@ -44,3 +43,7 @@ def runs_saved(trials: Iterable[Trial], definition: StudyDefinition) -> Savings:
         by_pruner=stopped if pruner else 0,
         by_coverage=infeasible,
     )
+
+
+def _spared(one: Effort, each: int) -> int:
+    return max(each - one.clean_runs - one.noisy_runs, 0) * one.count

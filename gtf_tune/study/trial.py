@@ -90,7 +90,7 @@ class TrialRunner:
     def _ask(self, slot: slots.Slot) -> tuple[Trial, dict[str, OptionValue]]:
         study = self.study.optuna_study
         with self.ask_lock:
-            study.sampler = make_sampler(self.study.definition.search, slot.ordinal)
+            study.sampler = make_sampler(self.study.definition.search, slot.ordinal, self.study.space)
             trial_id = slot.optuna_trial_id
             if trial_id is None:
                 trial_id = with_optuna(self.study.database, lambda: self._find_or_create(slot.ordinal))

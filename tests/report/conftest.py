@@ -34,7 +34,7 @@ from gtf_tune.store.slots import Slot, TrialResult
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
 from gtf_tune.store.validations import Validation
 from gtf_tune.store.workers import this_worker
-from gtf_tune.study.confirm_verdict import ADOPT
+from gtf_tune.study.verdicts import ADOPT
 from gtf_tune.trajectory import Trajectory
 
 FRAMES = 24

@@ -3,17 +3,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from optuna.distributions import CategoricalDistribution, FloatDistribution
 from optuna.pruners import NopPruner, WilcoxonPruner
 from optuna.samplers import CmaEsSampler, QMCSampler, RandomSampler, TPESampler
 
 from gtf_tune.definition import SearchDefinition, StudyDefinition, definition_from_dict
 from gtf_tune.errors import DefinitionError
 from gtf_tune.study.refine import RefineSampler
+from gtf_tune.study.refine_many import RefineManySampler
 from gtf_tune.study.sampler import check_search, make_pruner, make_sampler
+from gtf_tune.study.space import SearchAxis, SearchSpace
 from tests.study.conftest import definition_of
 
 RANGE = {"low": 3e-4, "high": 0.1, "log": True}
 LIST = {"values": [0.01, 0.02]}
+ONE_RANGE = SearchSpace((SearchAxis("x", 0.5, FloatDistribution(0.0, 1.0), ()),))
 
 
 def _definition(**sections: Any) -> StudyDefinition:
@@ -32,14 +36,21 @@ def _definition(**sections: Any) -> StudyDefinition:
     ],
 )
 def test_every_name_makes_its_sampler(name: Any, kind: type) -> None:
-    assert isinstance(make_sampler(SearchDefinition(sampler=name), 3), kind)
+    assert isinstance(make_sampler(SearchDefinition(sampler=name), 3, ONE_RANGE), kind)
+
+
+def test_refine_searches_several_options_and_lists_by_a_surface() -> None:
+    kernel = SearchAxis("k", "huber", CategoricalDistribution(("huber", "cauchy")), ())
+
+    for space in (SearchSpace((*ONE_RANGE.axes, kernel)), SearchSpace((kernel,))):
+        assert isinstance(make_sampler(SearchDefinition(sampler="refine"), 3, space), RefineManySampler)
 
 
 def test_start_up_points_differ_between_trials_and_repeat_after_a_resume() -> None:
     import optuna
 
     def first_value(ordinal: int) -> float:
-        study = optuna.create_study(sampler=make_sampler(SearchDefinition(sampler="tpe", seed=4), ordinal))
+        study = optuna.create_study(sampler=make_sampler(SearchDefinition(sampler="tpe", seed=4), ordinal, ONE_RANGE))
         return study.ask().suggest_float("x", 0.0, 1.0)
 
     assert first_value(1) != first_value(2)
@@ -57,11 +68,11 @@ def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatc
     ("space", "trials", "expected"),
     [
         ({"filter.max_error": RANGE}, None, "refine"),
-        ({"filter.max_error": RANGE, "robust.scale": RANGE}, None, "tpe"),
-        ({"filter.max_error": RANGE, "robust.kernel": {"values": ["huber", "cauchy"]}}, 9, "tpe"),
+        ({"filter.max_error": RANGE, "robust.scale": RANGE}, None, "refine"),
+        ({"filter.max_error": RANGE, "robust.kernel": {"values": ["huber", "cauchy"]}}, 9, "refine"),
         ({"filter.max_error": LIST}, None, "grid"),
         ({"filter.max_error": LIST, "robust.scale": LIST}, 5, "grid"),
-        ({"filter.max_error": LIST, "robust.scale": LIST}, 4, "tpe"),
+        ({"filter.max_error": LIST, "robust.scale": LIST}, 4, "refine"),
     ],
 )
 def test_without_a_name_the_space_chooses_the_sampler(space: dict[str, Any], trials: int | None, expected: str) -> None:
@@ -89,11 +100,6 @@ def test_pruning_is_off_unless_asked_for() -> None:
 @pytest.mark.parametrize(
     ("sections", "reason"),
     [
-        ({"search": {"sampler": "refine"}, "space": {"filter.max_error": LIST}}, "one option between low and high"),
-        (
-            {"search": {"sampler": "refine"}, "space": {"filter.max_error": RANGE, "robust.scale": RANGE}},
-            "one option between low and high",
-        ),
         ({"search": {"pruner": "wilcoxon"}, "gtf": {"noisy_runs": 6}}, "give it 8 or more"),
         ({"search": {"pruner": "wilcoxon"}, "gtf": {"noisy_runs": {"min": 3, "max": 12}}}, "both stop trials early"),
         ({"gtf": {"noisy_runs": {"min": 3, "max": 12}, "common_noise": False}}, "set common_noise = true"),

@@ -10,8 +10,8 @@ from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.details import instance_values
 from gtf_tune.report.tables.options import options_at_an_edge
 from gtf_tune.report.tables.points import TrialPoint, study_points
-from gtf_tune.study.confirm_verdict import ADOPT
 from gtf_tune.study.picking import Improvement, improvement
+from gtf_tune.study.verdicts import ADOPT
 
 VerdictKind = Literal["adopt", "keep", "unconfirmed", "none"]
 

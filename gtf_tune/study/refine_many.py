@@ -1,0 +1,165 @@
+"""Search several options of any kind: a few even points, then where a surface through the scores promises most."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from optuna import Study
+from optuna.distributions import BaseDistribution, CategoricalDistribution
+from optuna.samplers import BaseSampler, RandomSampler
+from optuna.trial import FrozenTrial, TrialState
+
+from gtf_tune.study.refine import Axis, log_scores
+from gtf_tune.study.surface import fit_surface, next_point
+from gtf_tune.trajectory import FloatArray
+
+MOST_POINTS = 100
+"""Trials that a surface goes through: the better half of these are the best ones, the others the last ones."""
+
+_GOLDEN_STEPS = 60
+_FULL_SCALE = 1.0
+
+
+class RefineManySampler(BaseSampler):
+    """Choose the next values of several options; the same again for the same finished trials and seeds.
+
+    Stopped and infeasible trials and those of other workers count as in `gtf_tune.study.refine.RefineSampler`. Scores
+    far above the best one are drawn together, so that hopeless corners do not rule how the surface looks near the best.
+    ``start_seed`` places the even points, ``seed`` is that of the trial.
+    """
+
+    def __init__(self, distributions: Mapping[str, BaseDistribution], start_seed: int, seed: int) -> None:
+        self._distributions = dict(distributions)
+        self._start_seed = start_seed
+        self._seed = seed
+        self._otherwise = RandomSampler(seed=seed)
+
+    def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
+        """Return all options, which are chosen together."""
+        del study, trial
+        return self._distributions
+
+    def sample_relative(
+        self, study: Study, trial: FrozenTrial, search_space: Mapping[str, BaseDistribution]
+    ) -> dict[str, Any]:
+        """Return a value for every option of a trial; trial 0 is nominal and not asked for."""
+        space = Space(tuple(search_space), tuple(_place_of(one) for one in search_space.values()))
+        if trial.number <= coarse_points(len(search_space)):
+            return space.values(_even_point(trial.number, len(search_space), self._start_seed))
+        others = [one for one in study.get_trials(deepcopy=False) if one.number != trial.number]
+        return space.values(self._choose([one for one in others if set(space.names) <= set(one.params)], space))
+
+    def sample_independent(
+        self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
+    ) -> Any:
+        """Return a random value for an option that is not in the space."""
+        return self._otherwise.sample_independent(study, trial, param_name, param_distribution)
+
+    def _choose(self, others: list[FrozenTrial], space: "Space") -> FloatArray:
+        scores = log_scores(others)
+        kept = _kept(scores)
+        if len(kept) < 2:
+            return np.random.default_rng(self._seed).random(len(space.names))
+        points = np.array([space.point(others[index].params) for index in kept])
+        values = _drawn_together(np.array([scores[index] for index in kept]))
+        surface = fit_surface(points, values, space.unordered)
+        pending = [space.point(one.params) for one in others if one.state == TrialState.RUNNING]
+        if pending:
+            believed = surface.mean(np.array(pending))
+            points, values = np.concatenate([points, pending]), np.concatenate([values, believed])
+            surface = fit_surface(points, values, space.unordered)
+        return next_point(surface, self._seed, space.snap)
+
+
+def coarse_points(options: int) -> int:
+    """Return how many even points come before the surface is used, nominal not counted."""
+    return options + 1
+
+
+@dataclass(frozen=True)
+class Choices:
+    """Place the choices of an option without steps in between in [0, 1]; numbers by their order."""
+
+    distribution: CategoricalDistribution
+
+    @property
+    def ordered(self) -> list[Any]:
+        """Return the choices, numbers in ascending order."""
+        choices = list(self.distribution.choices)
+        return sorted(choices) if self.has_order else choices
+
+    @property
+    def has_order(self) -> bool:
+        """Tell whether all choices are numbers."""
+        return all(isinstance(one, int | float) and not isinstance(one, bool) for one in self.distribution.choices)
+
+    def place(self, value: Any) -> float:
+        """Return the place of a choice."""
+        ordered = self.ordered
+        return (ordered.index(value) + 0.5) / len(ordered)
+
+    def value(self, place: float) -> Any:
+        """Return the choice at a place."""
+        ordered = self.ordered
+        return ordered[min(int(place * len(ordered)), len(ordered) - 1)]
+
+
+@dataclass(frozen=True)
+class Space:
+    """Hold the names of options and the axes that place their values."""
+
+    names: tuple[str, ...]
+    axes: tuple[Axis | Choices, ...]
+
+    @property
+    def unordered(self) -> Any:
+        """Return which options, (d,), have values without an order."""
+        return np.array([isinstance(axis, Choices) and not axis.has_order for axis in self.axes])
+
+    def point(self, values: Mapping[str, Any]) -> FloatArray:
+        """Return the point (d,) of a setting."""
+        return np.array([axis.place(values[name]) for name, axis in zip(self.names, self.axes, strict=True)])
+
+    def values(self, point: FloatArray) -> dict[str, Any]:
+        """Return the nearest setting to a point."""
+        places = zip(self.names, self.axes, point.tolist(), strict=True)
+        return {name: axis.value(place) for name, axis, place in places}
+
+    def snap(self, points: FloatArray) -> FloatArray:
+        """Return the points (m, d) of the nearest settings to points."""
+        columns = [_snapped(axis, points[:, column]) for column, axis in enumerate(self.axes)]
+        return np.stack(columns, axis=1)
+
+
+def _snapped(axis: Axis | Choices, places: FloatArray) -> FloatArray:
+    if isinstance(axis, Axis) and not axis.has_steps:
+        return places
+    return np.array([axis.place(axis.value(place)) for place in places.tolist()])
+
+
+def _place_of(distribution: BaseDistribution) -> Axis | Choices:
+    return Choices(distribution) if isinstance(distribution, CategoricalDistribution) else Axis.of(distribution)
+
+
+def _even_point(number: int, options: int, seed: int) -> FloatArray:
+    """Return point ``number`` of a sequence that fills the space evenly from a random start (Roberts, 2018)."""
+    ratio = 2.0
+    for _ in range(_GOLDEN_STEPS):
+        ratio = (1.0 + ratio) ** (1.0 / (options + 1))
+    steps = ratio ** -np.arange(1.0, options + 1.0)
+    return np.asarray((np.random.default_rng(seed).random(options) + number * steps) % 1.0)
+
+
+def _kept(scores: Mapping[int, float]) -> Sequence[int]:
+    """Return the positions of the trials that the surface goes through, at most `MOST_POINTS`."""
+    if len(scores) <= MOST_POINTS:
+        return list(scores)
+    best = sorted(scores, key=lambda index: scores[index])[: MOST_POINTS // 2]
+    others = [index for index in scores if index not in set(best)]
+    return sorted([*best, *others[-(MOST_POINTS - len(best)) :]])
+
+
+def _drawn_together(values: FloatArray) -> FloatArray:
+    excess = (values - values.min()) / _FULL_SCALE
+    return np.asarray(np.where(excess <= 1.0, excess, 1.0 + np.log(np.maximum(excess, 1.0))))
