@@ -120,14 +120,11 @@ class StudyWorker:
             raise
 
     def _next_slot(self) -> slots.Slot | None:
-        """Return a slot to work on, or ``None`` where there is none now: trial 0 comes before all others."""
+        """Return a slot to work on, or ``None`` where there is none now."""
         database, study_id = self.study.database, self.study.record.id
         adopted = slots.adopt_stale(database, study_id, self.worker, self.grace_s)
         if adopted is not None:
             return adopted
-        known = trials.counts(database, study_id)
-        if known and known == {"claimed": 1} and trials.get(database, study_id, 0).state == "claimed":
-            return None
         return slots.claim_slot(database, study_id, self.study.budget, self.worker)
 
     def _tell_untold(self) -> None:
