@@ -9,6 +9,8 @@
     |-- TrajectoryError      a trajectory is unreadable, or a pair of them cannot be aligned
     |-- RunError             one run of a pipeline failed, with the reason
     `-- StorageError         the database is missing, damaged, locked, too old or says otherwise
+        |-- UnreachableError  its server does not answer, which may pass
+        `-- DeletedError      the study was deleted while it was worked on
 
 Every message is one sentence (what was expected, what came, where), then what to do. The command line prints it and
 exits with 1; any other exception is a defect and keeps its traceback.
@@ -41,3 +43,11 @@ class RunError(GtfTuneError):
 
 class StorageError(GtfTuneError):
     """Signal a database that cannot be opened, read or written as asked."""
+
+
+class UnreachableError(StorageError):
+    """Signal that the server of a database does not answer now."""
+
+
+class DeletedError(StorageError):
+    """Signal that someone deleted a study while it was worked on."""

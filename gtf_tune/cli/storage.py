@@ -7,7 +7,7 @@ import typer
 from gtf_tune.cli.console import say, write_json, write_line, write_pairs
 from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
-from gtf_tune.cli.storage_access import create_storage, open_storage
+from gtf_tune.cli.storage_access import create_storage, hush_optuna, open_storage
 
 app = typer.Typer(cls=GroupedCommands, help="Check, upgrade and copy storages.", no_args_is_help=True)
 
@@ -57,6 +57,7 @@ def copy(
     """
     from gtf_tune.store.copy import copy_study
 
+    hush_optuna()
     digest = copy_study(open_storage(source), create_storage(target), study)
     say(f"copied study '{study}'; both have the digest {digest}")
 

@@ -29,6 +29,16 @@ def open_storage(storage: str) -> "Database":
     return database
 
 
+def wait_for_storage(storage: str) -> "Database":
+    """Open an existing storage like `open_storage`, but wait for a server that does not answer yet."""
+    from gtf_tune.store.database import wait_for_database
+
+    database = wait_for_database(storage, say)
+    _opened.callback(database.close)
+    say(f"storage: {database.shown_url}")
+    return database
+
+
 def create_storage(storage: str) -> "Database":
     """Open a storage, creating it if need be, and print which one it is."""
     from gtf_tune.store.database import create_database

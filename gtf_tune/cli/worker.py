@@ -10,7 +10,7 @@ import typer
 from gtf_tune.cli.console import permille, say
 from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage
-from gtf_tune.cli.storage_access import hush_optuna, open_storage
+from gtf_tune.cli.storage_access import hush_optuna, wait_for_storage
 from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE, Places, TrialParallel, VersionMismatch, place_folders
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def worker(
         signals_to(stop, say),
         make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache) as runs_on,
     ):
-        StudyServer(open_storage(storage), runs_on, rules, stop, say, _Lines).serve()
+        StudyServer(wait_for_storage(storage), runs_on, rules, stop, say, _Lines).serve()
     if stop.level:
         say("stopped; finished runs are kept")
         raise typer.Exit(INTERRUPTED_EXIT_CODE)

@@ -1,9 +1,10 @@
 """Run requests in child processes of this machine."""
 
+import contextlib
 import signal
 import threading
 from collections import deque
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Future, InvalidStateError
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from gtf_tune.trajectory import Trajectory
 
 _KILLED_TRIES = 3
 _MEMORY_MARGIN = 1.1
+_WATCH_S = 1.0
 
 
 @dataclass(eq=False)
@@ -33,6 +35,8 @@ class _Item:
     future: "Future[RunOutcome]" = field(default_factory=Future)
     paths: RunPaths | None = None
     pool: ProcessPool | None = None
+    started: "Future[RunOutcome] | None" = None
+    pool_lost: bool = False
     expected_bytes: int = 0
     tries: int = 0
 
@@ -73,6 +77,8 @@ class LocalExecutor:
         self._lock = threading.RLock()
         self._closed = False
         self._workers = Workers()
+        self._ended = threading.Event()
+        self._watcher = threading.Thread(target=self._watch_pools, name="watch-pools", daemon=True)
 
     def submit(self, request: RunRequest, limits: RunLimits) -> "Future[RunOutcome]":
         """Queue a run; the future ends when the run does."""
@@ -99,6 +105,7 @@ class LocalExecutor:
         """Stop all runs and leave no process and no file behind."""
         with self._lock:
             self._closed = True
+        self._ended.set()
         self.cancel_waiting()
         self._workers.close()
         self._abandon_running()
@@ -137,11 +144,14 @@ class LocalExecutor:
         except StorageError as error:
             started = Future()
             started.set_exception(error)
+        item.started = started
         started.add_done_callback(lambda done: self._finish(item, done))
 
     def _schedule(self, item: _Item) -> "Future[RunOutcome]":
         arguments = (item.request, item.limits, item.paths, self._stages)
-        item.pool = self._workers.take()
+        item.pool, item.pool_lost = self._workers.take(), False
+        if not self._watcher.ident:
+            self._watcher.start()
         try:
             started: Future[RunOutcome] = item.pool.schedule(
                 execute_in_worker, args=arguments, timeout=item.limits.timeout_s
@@ -150,6 +160,20 @@ class LocalExecutor:
             started = Future()
             started.set_exception(BrokenProcessPool(str(error)))
         return started
+
+    def _watch_pools(self) -> None:
+        """Fail runs that their pool has forgotten, so that they are tried again.
+
+        A pool whose process is killed before it has taken its run up stops, and sometimes never speaks of that run.
+        """
+        while not self._ended.wait(_WATCH_S):
+            with self._lock:
+                items = [item for item in self._running if item.pool is not None and not item.pool.active]
+            for item in items:
+                if item.pool_lost and item.started is not None:  # for the second time: the pool had its chance
+                    with contextlib.suppress(InvalidStateError):
+                        item.started.set_exception(BrokenProcessPool("the process was killed before it began"))
+                item.pool_lost = True
 
     def _finish(self, item: _Item, done: "Future[RunOutcome]") -> None:
         outcome, error = self._outcome(item, done)

@@ -45,7 +45,7 @@ def check(database: Database) -> CheckReport:
         It cannot be read at all.
     """
     problems = [*_damage(database), *_orphans(database), *_missing_outputs(database)]
-    problems += [*_studies_without_optuna(database), *_bad_trajectories(database)]
+    problems += [*_studies_without_optuna(database), *_missing_trials(database), *_bad_trajectories(database)]
     return CheckReport(
         revision=current_revision(database.reader),
         optuna_revision=optuna_storage(database).get_current_version(),
@@ -93,6 +93,21 @@ def _studies_without_optuna(database: Database) -> Iterator[str]:
         for trial in trials.of_study(database, study_id):
             if trial.state in ("complete", "pruned") and trial.optuna_trial_id not in asked:
                 yield f"trial {trial.ordinal} of study '{name}' has no Optuna trial; restore a backup"
+
+
+def _missing_trials(database: Database) -> Iterator[str]:
+    """Yield gaps among the slots of a study, and scores without the runs that they come from."""
+    trial = models.Trial
+    spans = (
+        select(models.Study.name, func.count(trial.id), func.max(trial.ordinal)).join(trial).group_by(models.Study.id)
+    )
+    for name, count, last in read_rows(database, spans):
+        if count != last + 1:
+            yield f"study '{name}' lacks {last + 1 - count} of its trials 0 to {last}; restore a backup"
+    scored = select(models.Study.name, trial.ordinal).join(trial).where(trial.state.in_(("complete", "pruned")))
+    lonely = ~select(models.TrialRun.run_id).where(models.TrialRun.trial_id == trial.id).exists()
+    for name, ordinal in read_rows(database, scored.where(lonely).order_by(models.Study.id, trial.ordinal)):
+        yield f"trial {ordinal} of study '{name}' has a score but no runs; restore a backup"
 
 
 def _bad_trajectories(database: Database) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """Open, create and upgrade the database that holds studies."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,13 +10,16 @@ from sqlalchemy import Engine
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import SQLAlchemyError
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import StorageError, UnreachableError
 from gtf_tune.store.engine import READ_ONLY, make_engine
 from gtf_tune.store.faults import storage_error
 from gtf_tune.store.schema import REVISIONS, create_schema, current_revision, fault_of_revision, upgrade_schema
 from gtf_tune.store.urls import display_url, parse_url
 
 Result = TypeVar("Result")
+
+PATIENCE_S = 60.0
+_KNOCK_S = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +54,30 @@ def open_database(storage: str) -> Database:
     """
     database = connect(storage)
     return _current(database)
+
+
+def wait_for_database(
+    storage: str, announce: Callable[[str], None] = lambda _: None, patience_s: float = PATIENCE_S
+) -> Database:
+    """Return what `open_database` does, as soon as the server answers: it may be restarting; ``announce`` says so.
+
+    Raises
+    ------
+    StorageError
+        The server did not answer for ``patience_s`` seconds, or the fault is of another kind.
+    """
+    give_up_at = time.monotonic() + patience_s
+    patient = False
+    while True:
+        try:
+            return open_database(storage)
+        except UnreachableError as error:
+            if time.monotonic() > give_up_at:
+                raise
+            if not patient:
+                announce(f"{error}; trying again for {patience_s:g} s")
+            patient = True
+        time.sleep(_KNOCK_S)
 
 
 def create_database(storage: str) -> Database:

@@ -17,7 +17,7 @@ from sqlite3 import (
 from sqlalchemy.engine import URL
 from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import StorageError, UnreachableError
 from gtf_tune.store.urls import display_url, without_passwords
 
 _PRIMARY_CODE = 0xFF
@@ -83,7 +83,9 @@ def storage_error(error: SQLAlchemyError, url: URL) -> StorageError:
         return StorageError(f"{shown} could not be written because the server's disk is full; free some space there")
     said = " ".join(without_passwords(str(cause), url).split())
     if isinstance(error, DBAPIError) and not isinstance(cause, sqlite3.Error) and is_transient(error):
-        return StorageError(f"no connection to {shown}: {said}; check that the server runs and that you may connect")
+        return UnreachableError(
+            f"no connection to {shown}: {said}; check that the server runs and that you may connect"
+        )
     return StorageError(f"{shown} refused a request: {said}; run 'gtf-tune storage check'")
 
 

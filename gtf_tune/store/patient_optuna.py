@@ -1,16 +1,24 @@
 """Make Optuna's storage wait out the faults of a database that pass, as our own sessions do."""
 
 import functools
+import json
 from collections.abc import Callable
 from typing import Any
 
 from optuna.storages import RDBStorage
+from optuna.storages._rdb import models
+from optuna.trial import FrozenTrial, TrialState
+from sqlalchemy import Select, select
+from sqlalchemy.orm import Session
 
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna_tables import with_optuna
 
-# All of these may be done twice: they look, or set what a second call sets again. `create_new_trial` may not; who
-# calls it looks first for the trial of an earlier attempt (`gtf_tune.study.optuna_trials.create_for_slot`).
+SLOT_KEY = "gtf_tune:slot"
+"""System attribute that says which slot of a study's budget a trial belongs to."""
+
+# All of these may be done twice: they look, or set what a second call sets again. `create_new_trial` may, too, where
+# the trial names its slot.
 _REPEATABLE = (
     "get_all_studies",
     "get_study_id_from_name",
@@ -40,6 +48,9 @@ _REPEATABLE = (
 class PatientStorage(RDBStorage):
     """Repeat calls that failed for a lock, a dropped connection or a restarting server, for at most two minutes.
 
+    A slot has one trial at any time: creating it again returns the one that is there. Optuna itself creates a second
+    one when the answer to its commit is lost, and so does a worker that was cut off while another took its slot over.
+
     Raises `StorageError` where the fault does not pass.
     """
 
@@ -47,6 +58,25 @@ class PatientStorage(RDBStorage):
         super().__init__(url, **arguments)
         for name in _REPEATABLE:
             setattr(self, name, _patient(database, getattr(self, name)))
+
+    def _get_prepared_new_trial(
+        self, study_id: int, template_trial: FrozenTrial | None, session: Session
+    ) -> models.TrialModel:
+        """Return the unfinished trial of the template's slot, or a new one; the study's row is locked by now."""
+        slot = template_trial.system_attrs.get(SLOT_KEY) if template_trial else None
+        found = None if slot is None else session.scalars(_of_slot(study_id, slot)).first()
+        return found or super()._get_prepared_new_trial(study_id, template_trial, session)
+
+
+def _of_slot(study_id: int, slot: int) -> Select[models.TrialModel]:
+    trial, attribute = models.TrialModel, models.TrialSystemAttributeModel
+    return (
+        select(trial)
+        .join(attribute, attribute.trial_id == trial.trial_id)
+        .where(trial.study_id == study_id, trial.state.in_([TrialState.WAITING, TrialState.RUNNING]))
+        .where(attribute.key == SLOT_KEY, attribute.value_json == json.dumps(slot))
+        .order_by(trial.number)
+    )
 
 
 def _patient(database: Database, call: Callable[..., Any]) -> Callable[..., Any]:

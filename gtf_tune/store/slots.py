@@ -65,7 +65,11 @@ class TrialResult:
 
 
 def claim_slot(database: Database, study_id: int, budget: int, worker: Worker) -> Slot | None:
-    """Claim the next unused slot of a study, or return None once all ``budget`` slots are handed out."""
+    """Claim the next unused slot of a study, or return None where there is none for now.
+
+    There is none once all ``budget`` slots are handed out, nor while somebody works on slot 0: all others are measured
+    against the nominal trial.
+    """
     claim = uuid.uuid4().hex
 
     def work(session: Session) -> Slot | None:
@@ -74,11 +78,20 @@ def claim_slot(database: Database, study_id: int, budget: int, worker: Worker) -
             return mine
         # Claims of one study wait for each other here, so that ordinals have no gaps and no worker overshoots.
         session.execute(select(models.Study.id).where(models.Study.id == study_id).with_for_update(key_share=True))
-        last = session.scalar(select(func.max(models.Trial.ordinal)).where(models.Trial.study_id == study_id))
-        ordinal = 0 if last is None else last + 1
-        return _insert(session, study_id, ordinal, claim, worker) if ordinal < budget else None
+        ordinal, nominal_in_work = _next_ordinal(session, study_id)
+        free = ordinal < budget and not nominal_in_work
+        return _insert(session, study_id, ordinal, claim, worker) if free else None
 
     return write(database, work)
+
+
+def _next_ordinal(session: Session, study_id: int) -> tuple[int, bool]:
+    """Return the first ordinal that nobody has taken, and whether the nominal trial is in work."""
+    trial = models.Trial
+    last = select(func.max(trial.ordinal)).where(trial.study_id == study_id).scalar_subquery()
+    nominal = select(trial.state).where(trial.study_id == study_id, trial.ordinal == 0).scalar_subquery()
+    highest, state = session.execute(select(last, nominal)).one()
+    return 0 if highest is None else highest + 1, state == "claimed"
 
 
 def _insert(session: Session, study_id: int, ordinal: int, claim: str, worker: Worker) -> Slot:

@@ -9,7 +9,7 @@ from typing import Any, Literal, cast
 from sqlalchemy import case, delete, func, or_, select, update
 from sqlalchemy.orm import Session
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import DeletedError, StorageError
 from gtf_tune.store import models
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna_tables import delete_optuna_study
@@ -199,18 +199,27 @@ def state(database: Database, study_id: int) -> StudyState:
 
     Raises
     ------
-    StorageError
+    DeletedError
         Someone has deleted the study.
     """
     found = read_rows(database, select(models.Study.state).where(models.Study.id == study_id))
     if not found:
-        raise StorageError(f"the study was deleted from {database.shown_url} while it was worked on")
+        raise DeletedError(
+            f"the study was deleted from {database.shown_url} while it was worked on; nothing is left to do for it"
+        )
     return cast(StudyState, found[0][0])
 
 
 def set_state(database: Database, study_id: int, state: StudyState) -> None:
     """Open, pause or close a study; workers look before every trial."""
     _set(database, study_id, state=state)
+
+
+def close(database: Database, study: Study) -> bool:
+    """Mark a study as done, unless it was extended since ``study`` was read, and return whether it is marked."""
+    same = (models.Study.id == study.id) & (models.Study.definition == study.definition)
+    statement = update(models.Study).where(same).values(state="done").returning(models.Study.id)
+    return write(database, lambda session: session.scalar(statement) is not None)
 
 
 def set_definition(database: Database, study_id: int, definition: str, resolved: Mapping[str, Any]) -> None:

@@ -141,7 +141,7 @@ def _option_faults(data: Mapping[str, Any]) -> list[str]:
     if not isinstance(section, Mapping) or not isinstance(section.get("name"), str):
         return []
     try:
-        table = create_pipeline(section["name"], section.get("settings") or {}).options
+        table = create_pipeline(section["name"], _mapping(section.get("settings"))).options
     except GtfTuneError as error:
         return [str(error)]
     faults: list[str] = []

@@ -10,30 +10,22 @@ from optuna.exceptions import UpdateFinishedTrialError
 from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
 
-_SLOT = "gtf_tune:slot"
+from gtf_tune.store.patient_optuna import SLOT_KEY
+
 _FIXED = "fixed_params"  # where Optuna's own enqueue_trial keeps the values that a trial must take
 _STATES = MappingProxyType({"complete": TrialState.COMPLETE, "pruned": TrialState.PRUNED})
 
 
 def create_for_slot(study: optuna.Study, ordinal: int, fixed: Mapping[str, Any] | None) -> int:
-    """Create the waiting Optuna trial of a slot and return its id.
+    """Create the waiting Optuna trial of a slot, unless an earlier owner of the slot has, and return its id.
 
-    The trial is created in one transaction with its slot number inside, so a process killed at any moment leaves a
-    trial that `find_for_slot` finds. ``fixed`` are values that it must take; ``None`` lets the sampler choose.
+    ``fixed`` are values that it must take; ``None`` lets the sampler choose.
     """
     template = create_trial(
         state=TrialState.WAITING,
-        system_attrs={_SLOT: ordinal, **({_FIXED: dict(fixed)} if fixed is not None else {})},
+        system_attrs={SLOT_KEY: ordinal, **({_FIXED: dict(fixed)} if fixed is not None else {})},
     )
     return storage_of(study).create_new_trial(study_id_of(study), template_trial=template)
-
-
-def find_for_slot(study: optuna.Study, ordinal: int) -> int | None:
-    """Return the id of the trial that an earlier owner of the slot created, or ``None`` if it did not get so far."""
-    for trial in storage_of(study).get_all_trials(study_id_of(study), deepcopy=False):
-        if trial.system_attrs.get(_SLOT) == ordinal:
-            return trial._trial_id
-    return None
 
 
 def start(study: optuna.Study, trial_id: int) -> Trial:

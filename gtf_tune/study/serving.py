@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from gtf_tune.definition import definition_from_dict
-from gtf_tune.errors import GtfTuneError, StorageError
+from gtf_tune.errors import DeletedError, GtfTuneError, StorageError
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import studies
@@ -124,6 +124,10 @@ class StudyServer:
             return False
         try:
             return self._work(self._open(record))
+        except DeletedError:
+            self.announce(f"study '{record.name}' was deleted; its trial in work is dropped")
+            self._opened.pop(record.id, None)
+            return False
         except StorageError:
             raise
         except GtfTuneError as error:

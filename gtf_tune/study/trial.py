@@ -93,7 +93,7 @@ class TrialRunner:
             study.sampler = make_sampler(self.study.definition.search, slot.ordinal, self.study.space)
             trial_id = slot.optuna_trial_id
             if trial_id is None:
-                trial_id = with_optuna(self.study.database, lambda: self._find_or_create(slot.ordinal))
+                trial_id = with_optuna(self.study.database, lambda: self._create(slot.ordinal))
             trial = optuna_trials.start(study, trial_id)
             options = self.study.space.suggest(trial)
         if not slots.attach_optuna_trial(self.study.database, slot, trial_id, trial.number, options):
@@ -103,10 +103,8 @@ class TrialRunner:
         self.listener.trial_started(slot.ordinal, options, planned)
         return trial, options
 
-    def _find_or_create(self, ordinal: int) -> int:
-        study = self.study.optuna_study
-        found = optuna_trials.find_for_slot(study, ordinal)
-        return optuna_trials.create_for_slot(study, ordinal, self._fixed(ordinal)) if found is None else found
+    def _create(self, ordinal: int) -> int:
+        return optuna_trials.create_for_slot(self.study.optuna_study, ordinal, self._fixed(ordinal))
 
     def _fixed(self, ordinal: int) -> Mapping[str, OptionValue] | None:
         """Return the values that a trial must take: nominal for trial 0, then the points of a grid."""

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 
+from gtf_tune.errors import DeletedError
 from gtf_tune.execution import Executor
 from gtf_tune.store import slots, studies, trials
 from gtf_tune.store.workers import Worker, this_worker
@@ -115,19 +116,25 @@ class StudyWorker:
             runner.run(slot)
         except Interrupted:
             return
-        except BaseException:
+        except BaseException as error:
             runner.stop.ask(FINISH_RUNS)
+            if isinstance(error, Exception):
+                self._check_not_deleted(error)
             raise
 
+    def _check_not_deleted(self, error: Exception) -> None:
+        """Say so if the study is gone: what else goes wrong then, in Optuna or here, only follows from it."""
+        try:
+            studies.state(self.study.database, self.study.record.id)
+        except DeletedError as deleted:
+            raise deleted from error
+
     def _next_slot(self) -> slots.Slot | None:
-        """Return a slot to work on, or ``None`` where there is none now: trial 0 comes before all others."""
+        """Return a slot to work on, or ``None`` where there is none now."""
         database, study_id = self.study.database, self.study.record.id
         adopted = slots.adopt_stale(database, study_id, self.worker, self.grace_s)
         if adopted is not None:
             return adopted
-        known = trials.counts(database, study_id)
-        if known and known == {"claimed": 1} and trials.get(database, study_id, 0).state == "claimed":
-            return None
         return slots.claim_slot(database, study_id, self.study.budget, self.worker)
 
     def _tell_untold(self) -> None:
@@ -143,6 +150,4 @@ class StudyWorker:
         database, study_id = self.study.database, self.study.record.id
         counts = trials.counts(database, study_id)
         done = sum(counts.values()) >= self.study.budget and not counts.get("claimed", 0)
-        if done:
-            studies.set_state(database, study_id, "done")
-        return done
+        return done and studies.close(database, self.study.record)

@@ -80,6 +80,8 @@ def _text_image(text: str, where: str) -> _Image:
     tokens = text.split(maxsplit=_IMAGE_COLUMNS - 1)
     if len(tokens) != _IMAGE_COLUMNS:
         raise TrajectoryError(f"{where}: expected {expected}, not {len(tokens)} columns")
+    if "\0" in tokens[9]:
+        raise TrajectoryError(f"{where}: expected an image name without zero bytes; the file is damaged")
     numbers = finite_numbers(tokens[1:8], where, expected)
     return tokens[9], checked_quaternion(numbers[:4], where), numbers[4:]
 

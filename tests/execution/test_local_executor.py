@@ -1,7 +1,7 @@
 import subprocess
 import sys
 from collections.abc import Iterator
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, Future
 from pathlib import Path
 
 import psutil
@@ -10,6 +10,7 @@ import pytest
 from gtf_tune.errors import StorageError
 from gtf_tune.execution import Executor, LocalExecutor
 from gtf_tune.execution.paths import Scratch
+from gtf_tune.pipelines.run import RunOutcome
 from tests.execution.doubles import Hanging, analytic, request_of
 from tests.execution.executor_contract import LIMITS, WAIT_S, ExecutorContract, outcome_of
 
@@ -132,3 +133,32 @@ def test_a_place_that_cannot_be_written_to_is_one_sentence(tmp_path: Path) -> No
 
     with pytest.raises(StorageError, match="choose another place with --cache-dir"):
         LocalExecutor(scratch=tmp_path / "file" / "scratch")
+
+
+class ForgetfulPool:
+    """Behave like a pool whose process was killed between the check that it lives and the arrival of the run."""
+
+    def __init__(self) -> None:
+        self.looks = 0
+
+    @property
+    def active(self) -> bool:
+        self.looks += 1
+        return self.looks == 1
+
+    def schedule(self, *arguments: object, **named: object) -> "Future[RunOutcome]":
+        return Future()
+
+    def stop(self) -> None:
+        pass
+
+    def join(self) -> None:
+        pass
+
+
+def test_a_run_that_its_pool_forgets_is_tried_again(tmp_path: Path) -> None:
+    with LocalExecutor(1, scratch=tmp_path) as executor:
+        executor._workers._idle.append(ForgetfulPool())  # type: ignore[arg-type]
+        outcome = executor.submit(request_of(analytic()), LIMITS).result(timeout=WAIT_S)
+
+    assert outcome.status == "ok"

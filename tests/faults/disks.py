@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-_SIZE = "4m"
-
 
 @dataclass(frozen=True)
 class SmallDisk:
@@ -34,12 +32,12 @@ class SmallDisk:
 
 
 @contextmanager
-def mounted(folder: Path) -> Iterator[SmallDisk]:
+def mounted(folder: Path, size: str = "4m") -> Iterator[SmallDisk]:
     """Mount a small disk for the length of a context, or skip the test with the reason."""
     if os.geteuid() != 0:
         pytest.skip("only root can mount a small disk")
     folder.mkdir()
-    done = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={_SIZE}", "tmpfs", str(folder)], capture_output=True)
+    done = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], capture_output=True)
     if done.returncode:
         pytest.skip(f"a small disk cannot be mounted here: {done.stderr.decode().strip()}")
     try:

@@ -18,7 +18,7 @@ import psutil
 
 from gtf_tune.execution import Executor, InlineExecutor, LocalExecutor, StageCache
 from gtf_tune.store import runs, studies, trials
-from gtf_tune.store.database import Database, create_database, open_database
+from gtf_tune.store.database import Database, create_database, open_database, wait_for_database
 from gtf_tune.store.digest import study_digest
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.serving import ServingRules, StudyServer
@@ -27,6 +27,7 @@ from tests.faults import counted
 
 NAME = "disturbed"
 PATIENCE_S = 120.0
+_WORK_PATIENCE_S = 1800.0
 _CLONE_NEWNET = 0x40000000
 _CLONE_NEWUTS = 0x04000000
 
@@ -70,11 +71,26 @@ def work(plan: WorkerPlan, site: str) -> None:
             enter_network(plan.namespace)
         rules = ServingRules(idle_exit_s=0.0, beat_s=plan.beat_s, grace_s=plan.grace_s)
         with signals_to(stop, lambda text: None), _executor(plan) as executor:
-            StudyServer(open_database(plan.storage), executor, rules, stop, print).serve()
+            StudyServer(wait_for_database(plan.storage), executor, rules, stop, print).serve()
     except BaseException:
         traceback.print_exc()
         os._exit(1)
     os._exit(130 if stop.level else 0)
+
+
+def attend(plan: WorkerPlan, site: str) -> None:
+    """Work on the study as ``gtf-tune study run`` does, notes and figures included: the body of a study process."""
+    from gtf_tune.cli.study_run import open_for_work, work_on
+
+    sys.path.insert(0, site)
+    os.environ.update({counted.LOG_VARIABLE: str(plan.log), counted.PAUSE_VARIABLE: str(plan.pause_s)})
+    try:
+        study = open_for_work(wait_for_database(plan.storage), NAME, None, False)
+        work_on(study, _executor(plan), trial_parallel=1)
+    except BaseException:
+        traceback.print_exc()
+        os._exit(1)
+    os._exit(0)
 
 
 def enter_network(namespace: str) -> None:
@@ -114,9 +130,9 @@ class Disturbed:
         create_study(database, checked_definition(definition(self.room, **sections), "test"), self.room)
         database.close()
 
-    def start(self, **plan: Any) -> BaseProcess:
-        """Start a worker process and return it."""
-        process = CONTEXT.Process(target=work, args=(WorkerPlan(self.storage, self.log, **plan), str(self.site)))
+    def start(self, body: Callable[[WorkerPlan, str], None] = work, **plan: Any) -> BaseProcess:
+        """Start a worker process, or a study process by another ``body``, and return it."""
+        process = CONTEXT.Process(target=body, args=(WorkerPlan(self.storage, self.log, **plan), str(self.site)))
         process.start()
         self.workers.append(process)
         return process
@@ -139,13 +155,14 @@ class Disturbed:
     def witness(self) -> None:
         """Note which runs are stored now: none of them may begin again."""
         database = open_database(self.storage)
-        self.witnessed.append((len(self.begun()), stored(database)))
+        known = stored(database)  # first, since other workers may begin and store a run between the two
+        self.witnessed.append((len(self.begun()), known))
         database.close()
 
     def finish(self, processes: list[BaseProcess] | None = None, **plan: Any) -> None:
         """Let one more worker, or those that are given, work to the end."""
         for process in processes or [self.start(**plan)]:
-            process.join(PATIENCE_S)
+            process.join(_WORK_PATIENCE_S)
             assert process.exitcode == 0, f"a worker ended with {process.exitcode}"
 
     def check(self, undisturbed_digest: str) -> None:

@@ -50,7 +50,7 @@ class RestartableServer:
 
     def control(self, *action: str) -> None:
         """Call pg_ctl and wait for it."""
-        options = f"-k {self.folder} -p {self.port} -c listen_addresses='*' -c fsync=off"
+        options = f"-k {self.folder} -p {self.port} -c listen_addresses='*' -c fsync=off -c max_connections=300"
         _run_as_postgres([str(self.binaries / "pg_ctl"), "-D", self.data, "-w", "-o", options, *action])
 
     def remove(self) -> None:

@@ -1,16 +1,19 @@
-"""Random definitions and options: whatever comes, the answer is a value or one sentence."""
+"""Random definitions, options and trajectory files: whatever comes, the answer is a value or one sentence."""
 
 import os
+import struct
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from gtf_tune.definition import load_definition
-from gtf_tune.errors import DefinitionError, OptionError
+from gtf_tune.errors import DefinitionError, OptionError, TrajectoryError
 from gtf_tune.pipelines import OptionTable, create_pipeline
 from gtf_tune.study.create import checked_definition
+from gtf_tune.trajectory import read_trajectory
 
 CASES = int(os.environ.get("GTF_TUNE_FUZZ_CASES", "100"))
 SLOWLY = settings(max_examples=CASES, deadline=None, suppress_health_check=list(HealthCheck))
@@ -86,6 +89,65 @@ def test_an_option_takes_a_value_of_its_type_or_refuses_it_in_words(table: Optio
         assert name[:5] in str(error)  # noqa: PT017 (either answer is right)
 
     assert all(type(taken[one]) is type(table.specs[one].default) for one in taken)
+
+
+POSE_LINES = {
+    "tum": "{n} 1 2 3 0 0 0 1",
+    "kitti": "1 0 0 {n} 0 1 0 2 0 0 1 3",
+    "euroc": "{n}000000000,1,2,3,1,0,0,0",
+    "colmap": "{n} 1 0 0 0 1 2 3 1 {n}.png\n",
+}
+DAMAGE = st.sampled_from(["", " ", ",", "\n", "nan", "-inf", "1e999", "#", "0", "-1", "é", "\0", "1_0", "0x1", "2.png"])
+
+
+@st.composite
+def damaged_poses(draw: st.DrawFn) -> tuple[str, bytes]:
+    """Draw a format, and a file of it with some of its characters replaced, removed or added, or cut short."""
+    kind = draw(st.sampled_from(sorted(POSE_LINES)))
+    text = "\n".join(POSE_LINES[kind].format(n=number) for number in range(draw(st.integers(0, 4))))
+    for _ in range(draw(st.integers(0, 3))):
+        start = draw(st.integers(0, len(text)))
+        text = text[:start] + draw(DAMAGE) + text[start + draw(st.integers(0, 3)) :]
+    content = text.encode()
+    return kind, content[: draw(st.integers(0, len(content)))] if draw(st.booleans()) else content
+
+
+@SLOWLY
+@given(damaged_poses(), st.booleans())
+def test_a_damaged_trajectory_file_is_read_or_refused_in_words(
+    tmp_path_factory: pytest.TempPathFactory, file: tuple[str, bytes], told: bool
+) -> None:
+    kind, content = file
+    path = tmp_path_factory.getbasetemp() / ("images.txt" if kind == "colmap" else "poses.txt")
+    path.write_bytes(content)
+
+    try:
+        poses = read_trajectory(path, format=kind if told else "auto")  # type: ignore[arg-type]
+    except TrajectoryError as error:
+        assert path.name in str(error)  # noqa: PT017 (either answer is right)
+        return
+
+    assert len(poses) > 0
+    assert np.isfinite(poses.positions).all()
+    assert (np.diff(poses.timestamps) > 0).all()
+
+
+@SLOWLY
+@given(st.binary(max_size=300), st.integers(0, 3))
+def test_a_model_of_any_bytes_is_read_or_refused_in_words(
+    tmp_path_factory: pytest.TempPathFactory, tail: bytes, count: int
+) -> None:
+    path = tmp_path_factory.getbasetemp() / "images.bin"
+    image = struct.pack("<I7dI", 1, 1.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0, 1) + b"a.png\0" + struct.pack("<Q", 0)
+    path.write_bytes(struct.pack("<Q", count) + image + tail)
+
+    try:
+        poses = read_trajectory(path)
+    except TrajectoryError as error:
+        assert path.name in str(error)  # noqa: PT017 (either answer is right)
+        return
+
+    assert len(poses) == count
 
 
 @pytest.mark.soak

@@ -2,13 +2,16 @@
 
 import random
 import signal
+import time
 from collections.abc import Callable
+from contextlib import suppress
 
 import psutil
 import pytest
 
+from gtf_tune.store.database import open_database
 from tests.faults.conftest import Disturb
-from tests.faults.disturbance import Disturbed, is_running, wait_until
+from tests.faults.disturbance import Disturbed, is_running, stored, wait_until
 
 LONG = {"search": {"trials": 200}}
 
@@ -99,13 +102,17 @@ def test_two_hundred_killed_children_change_nothing(
     study.create(**LONG)
     chance = random.Random(0)
     worker = study.start(jobs=2, pause_s=0.3)
+    database = open_database(study.storage)
 
-    killed = 0
-    while killed < 200 and worker.is_alive():
-        worker.join(chance.uniform(0.0, 1.0))
-        for child in runners(worker.pid)[:1] if worker.is_alive() else []:
-            child.send_signal(signal.SIGKILL)
-            killed += 1
+    for _ in range(200):
+        # A run whose child was killed is the next to run. So no run loses three children, which would be its failure.
+        target = len(stored(database)) + 2
+        wait_until(lambda target=target: len(stored(database)) >= target)
+        wait_until(lambda: runners(worker.pid))
+        time.sleep(chance.uniform(0.0, 0.3))
+        with suppress(psutil.NoSuchProcess):
+            chance.choice(runners(worker.pid)).kill()
+    database.close()
     study.finish([worker])
 
     study.check(undisturbed(**LONG))

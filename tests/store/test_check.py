@@ -70,6 +70,16 @@ def test_a_trial_without_an_optuna_trial_is_a_problem(used: Database) -> None:
     assert check(used).problems == ("trial 0 of study 'room' has no Optuna trial; restore a backup",)
 
 
+def test_a_missing_trial_is_a_problem(used: Database) -> None:
+    execute(used, "UPDATE gtf_trial SET ordinal = 2")
+    assert check(used).problems == ("study 'room' lacks 2 of its trials 0 to 2; restore a backup",)
+
+
+def test_a_score_without_runs_is_a_problem(used: Database) -> None:
+    execute(used, "DELETE FROM gtf_trial_run")
+    assert check(used).problems == ("trial 0 of study 'room' has a score but no runs; restore a backup",)
+
+
 def test_rows_without_their_owner_are_a_problem(make_storage: Callable[[str, bool], str]) -> None:
     database = open_database(make_storage("sqlite", True))
     with database.engine.connect() as connection:

@@ -27,14 +27,29 @@ def silence(database: Database, slot: Slot, seconds: float) -> None:
         connection.execute(text("UPDATE gtf_trial SET heartbeat_at = heartbeat_at - :seconds WHERE id = :id"), values)
 
 
+def finish_nominal(database: Database, study: Study) -> None:
+    assert slots.finish(database, claim(database, study), COMPLETE)
+
+
 def test_slots_count_up_to_the_budget(database: Database, study: Study) -> None:
-    taken = [slots.claim_slot(database, study.id, 3, ELSEWHERE) for _ in range(5)]
-    assert [slot and slot.ordinal for slot in taken] == [0, 1, 2, None, None]
+    finish_nominal(database, study)
+    taken = [slots.claim_slot(database, study.id, 3, ELSEWHERE) for _ in range(4)]
+    assert [slot and slot.ordinal for slot in taken] == [1, 2, None, None]
+
+
+def test_no_slot_is_handed_out_while_the_nominal_trial_is_in_work(database: Database, study: Study) -> None:
+    nominal = claim(database, study)
+    early = slots.claim_slot(database, study.id, 9, ELSEWHERE)
+    slots.finish(database, nominal, COMPLETE)
+
+    assert early is None
+    assert claim(database, study).ordinal == 1
 
 
 def test_eight_workers_never_overshoot_a_budget(storage: str, make_study: Callable[..., Study]) -> None:
     databases = [open_database(storage) for _ in range(8)]
     study = make_study(databases[0])
+    finish_nominal(databases[0], study)
 
     def work(database: Database) -> list[int]:
         taken = []
@@ -46,7 +61,7 @@ def test_eight_workers_never_overshoot_a_budget(storage: str, make_study: Callab
         ordinals = [one for taken in pool.map(work, databases) for one in taken]
     for database in databases:
         database.close()
-    assert sorted(ordinals) == list(range(40))
+    assert sorted(ordinals) == list(range(1, 40))
 
 
 def test_a_beating_slot_is_not_adopted(database: Database, study: Study) -> None:

@@ -10,6 +10,7 @@ from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.digest import study_digest
 from gtf_tune.store.optuna_tables import optuna_storage
 from gtf_tune.store.workers import this_worker
+from gtf_tune.study import optuna_trials
 from gtf_tune.study.create import checked_definition, create_study, open_study
 from gtf_tune.study.evaluation import RunSlot
 from gtf_tune.study.events import Silent
@@ -203,3 +204,15 @@ def test_several_sequences_are_scored_relative_to_nominal(
 
     assert nominal.value == 1.0
     assert second.value == pytest.approx(math.sqrt(ratios[0] * ratios[1]), rel=1e-12)
+
+
+def test_a_slot_has_one_optuna_trial_however_often_it_is_created(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    run_study(definition_of(room, search={"sampler": "random", "trials": 2}))
+    study = optuna.load_study(study_name="small", storage=optuna_storage(database))
+
+    first, second = (optuna_trials.create_for_slot(study, 7, {"filter.max_error": 0.01}) for _ in range(2))
+
+    assert first == second
+    assert [trial.number for trial in study.get_trials(states=[optuna.trial.TrialState.WAITING])] == [2]
