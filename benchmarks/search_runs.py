@@ -161,7 +161,8 @@ def _conclusion(shares: Mapping[tuple[str, str], float]) -> str:
     )
     return (
         "`refine` takes a few even steps, then goes where a Gaussian process expects the largest improvement: on a "
-        "curve for one option, for which it is the default, on a surface for several of any kind. For several options "
+        "curve for one option, for which it is the default, on a "
+        "surface and by TPE in turn for several of any kind. For several options "
         "the default is TPE, which assumes less: the surface needs far fewer runs where scores vary smoothly and can "
         "need more where they do not, which is seldom known before. Shares of the grid's runs with fixed and with "
         f"adaptive sizing: {told}. The hard space has a bent valley with ripples, "
