@@ -7,7 +7,7 @@ from gtf_tune.pipelines.analytic import OPTIMUM, expected_error
 
 FIVE = next(case for case in CASES if case.name == "5 options")
 BUDGETS = (100, 200, 400)
-JOINT = "refine, all five options, adaptive sizing"
+JOINT = "TPE, all five options, adaptive sizing"
 
 
 def run(effort: Effort) -> Section:
@@ -48,7 +48,7 @@ def _errors(seeds: list[int]) -> dict[str, list[list[float]]]:
         found[f"sweep of {option}"] = [[_sweep(option, seed, budget) for seed in seeds] for budget in BUDGETS]
     steps = [
         search(
-            define(FIVE.space(seed), {"clean_runs": CLEAN_RUNS, **ADAPTIVE}, {"sampler": "refine", "seed": seed}),
+            define(FIVE.space(seed), {"clean_runs": CLEAN_RUNS, **ADAPTIVE}, {"sampler": "tpe", "seed": seed}),
             BUDGETS[-1],
         )
         for seed in seeds

@@ -1,4 +1,4 @@
-"""Search several options of any kind: a few even points, then where a surface through the scores promises most."""
+"""Search several options of any kind: a few even points, then a surface through the scores and TPE in turn."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from optuna import Study
 from optuna.distributions import BaseDistribution, CategoricalDistribution
-from optuna.samplers import BaseSampler, RandomSampler
+from optuna.samplers import BaseSampler, TPESampler
 from optuna.trial import FrozenTrial, TrialState
 
 from gtf_tune.study.refine import Axis, log_scores
@@ -24,6 +24,7 @@ _FULL_SCALE = 1.0
 class RefineManySampler(BaseSampler):
     """Choose the next values of several options; the same again for the same finished trials and seeds.
 
+    Every other trial is left to TPE: alone the surface gets stuck where scores do not vary smoothly.
     Stopped and infeasible trials and those of other workers count as in `gtf_tune.study.refine.RefineSampler`. Scores
     far above the best one are drawn together, so that hopeless corners do not rule how the surface looks near the best.
     ``start_seed`` places the even points, ``seed`` is that of the trial.
@@ -33,17 +34,20 @@ class RefineManySampler(BaseSampler):
         self._distributions = dict(distributions)
         self._start_seed = start_seed
         self._seed = seed
-        self._otherwise = RandomSampler(seed=seed)
+        self._otherwise = TPESampler(seed=seed)
 
     def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
         """Return all options, which are chosen together."""
-        del study, trial
+        if self._is_left_to_tpe(trial):
+            return self._otherwise.infer_relative_search_space(study, trial)
         return self._distributions
 
     def sample_relative(
         self, study: Study, trial: FrozenTrial, search_space: Mapping[str, BaseDistribution]
     ) -> dict[str, Any]:
         """Return a value for every option of a trial; trial 0 is nominal and not asked for."""
+        if self._is_left_to_tpe(trial):
+            return self._otherwise.sample_relative(study, trial, dict(search_space))
         space = Space(tuple(search_space), tuple(_place_of(one) for one in search_space.values()))
         if trial.number <= coarse_points(len(search_space)):
             return space.values(_even_point(trial.number, len(search_space), self._start_seed))
@@ -53,8 +57,11 @@ class RefineManySampler(BaseSampler):
     def sample_independent(
         self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
     ) -> Any:
-        """Return a random value for an option that is not in the space."""
+        """Return what TPE chooses for one option by itself."""
         return self._otherwise.sample_independent(study, trial, param_name, param_distribution)
+
+    def _is_left_to_tpe(self, trial: FrozenTrial) -> bool:
+        return trial.number > coarse_points(len(self._distributions)) and trial.number % 2 == 1
 
     def _choose(self, others: list[FrozenTrial], space: "Space") -> FloatArray:
         scores = log_scores(others)

@@ -68,11 +68,11 @@ def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatc
     ("space", "trials", "expected"),
     [
         ({"filter.max_error": RANGE}, None, "refine"),
-        ({"filter.max_error": RANGE, "robust.scale": RANGE}, None, "refine"),
-        ({"filter.max_error": RANGE, "robust.kernel": {"values": ["huber", "cauchy"]}}, 9, "refine"),
+        ({"filter.max_error": RANGE, "robust.scale": RANGE}, None, "tpe"),
+        ({"filter.max_error": RANGE, "robust.kernel": {"values": ["huber", "cauchy"]}}, 9, "tpe"),
         ({"filter.max_error": LIST}, None, "grid"),
         ({"filter.max_error": LIST, "robust.scale": LIST}, 5, "grid"),
-        ({"filter.max_error": LIST, "robust.scale": LIST}, 4, "refine"),
+        ({"filter.max_error": LIST, "robust.scale": LIST}, 4, "tpe"),
     ],
 )
 def test_without_a_name_the_space_chooses_the_sampler(space: dict[str, Any], trials: int | None, expected: str) -> None:
