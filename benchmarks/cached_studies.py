@@ -23,7 +23,7 @@ from gtf_tune.trajectory import to_bytes
 
 LIMITS = RunLimits(timeout_s=900.0, memory_bytes=8 * 2**30)
 SIGMA = 5.0
-CLEAN_RUNS, NOISY_RUNS = 1, 3
+CLEAN_RUNS, NOISY_RUNS = 1, 2
 FULL_SETTINGS, FULL_RUNS = 13, 8
 AIM = 5.0
 

@@ -9,9 +9,7 @@ from typing import Any
 from benchmarks.experiments.measure import Bench, confirm_study, finish_study
 from benchmarks.experiments.plan import (
     AGGREGATE,
-    CLEAN_RUNS,
     FIXED,
-    NOISY_RUNS,
     OPTIONS,
     ROOM,
     SIGMAS,
@@ -24,6 +22,8 @@ from gtf_tune.store.database import Database
 
 SEQUENCES = (ROOM, "dtu-scan24")
 TRIALS = 35
+CLEAN, NOISY = 1, 4
+"""Fewer runs a trial than the grids take: many cheap trials and a confirmation beat few expensive ones."""
 
 # The ends of the grids; ratios beyond make two-view verification slow, see `plan`.
 _SPACE = {
@@ -62,7 +62,7 @@ def study_name(sequence: str) -> str:
 
 def definition(sequence: str, path: Path) -> dict[str, Any]:
     """Return the definition of the study; its sampler is gtf-tune's default for several options."""
-    gtf = {"clean_runs": CLEAN_RUNS, "noisy_runs": NOISY_RUNS, "noise_sigma": SIGMAS[sequence], "aggregate": AGGREGATE}
+    gtf = {"clean_runs": CLEAN, "noisy_runs": NOISY, "noise_sigma": SIGMAS[sequence], "aggregate": AGGREGATE}
     return {
         "name": study_name(sequence),
         "pipeline": {"name": "glomap", "options": dict(FIXED)},
