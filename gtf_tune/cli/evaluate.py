@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gtf_tune.cli.console import number, permille, say, write_json, write_pairs
-from gtf_tune.cli.parameters import CacheDir, Jobs, Json, NoCache, Settings
+from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings
 from gtf_tune.cli.true_errors import Side
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ def evaluate(
     pipeline: Annotated[str, typer.Option("--pipeline", "-p", help="Pipeline.")] = "glomap",
     option: Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="An option.")] = None,
     setting: Settings = None,
+    frames: Frames = None,
     clean_runs: Annotated[int, typer.Option("--clean-runs", "-k", min=1, help="k.")] = 2,
     noisy_runs: Annotated[int, typer.Option("--noisy-runs", "-K", min=1, help="k_delta.")] = 6,
     noise_sigma: Annotated[float, typer.Option("--noise-sigma", help="Noise in grey levels (0..255).")] = 5.0,
@@ -35,7 +36,7 @@ def evaluate(
     Example: gtf-tune evaluate images/ -o mapper.max_normalized_reproj_error=1e-3
     """
     from gtf_tune.cli.executors import cores, make_executor
-    from gtf_tune.cli.values import parse_pairs
+    from gtf_tune.cli.values import parse_frames, parse_pairs
     from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.pipelines import create_pipeline
@@ -51,7 +52,7 @@ def evaluate(
     given = parse_pairs(option, "--option")
     measured = section_from_dict(SideMetricDefinition, parse_pairs(side, "--side"), source="--side")
     wanted = Setting(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
-    loaded = load_sequence(sequence)
+    loaded = load_sequence(sequence, selection=parse_frames(frames))
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
         found = evaluate_setting(wanted, loaded, executor, on_run=say)
     if json:

@@ -9,7 +9,7 @@ import typer
 
 from gtf_tune.cli.console import number, permille, say, write_json, write_line, write_table
 from gtf_tune.cli.executors import cores, make_executor
-from gtf_tune.cli.parameters import CacheDir, Jobs, Json, NoCache, Settings
+from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings
 
 if TYPE_CHECKING:
     from gtf_tune.study.noise_scale import NoiseLevel, NoiseScale
@@ -24,6 +24,7 @@ def noise(
     pipeline: Annotated[str, typer.Option("--pipeline", "-p", help="Pipeline.")] = "glomap",
     option: Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="An option.")] = None,
     setting: Settings = None,
+    frames: Frames = None,
     sigmas: Sigmas = None,
     clean_runs: Annotated[int, typer.Option("--clean-runs", "-k", min=1, help="k.")] = 2,
     runs: Annotated[int, typer.Option("--runs", "-K", min=2, help="Noisy runs of each level.")] = 4,
@@ -41,7 +42,7 @@ def noise(
 
     Example: gtf-tune noise images/ --runs 6 --figure noise.html
     """
-    from gtf_tune.cli.values import parse_pairs
+    from gtf_tune.cli.values import parse_frames, parse_pairs
     from gtf_tune.definition import GtfDefinition, LimitsDefinition
     from gtf_tune.pipelines import create_pipeline
     from gtf_tune.sequence import load_sequence
@@ -54,7 +55,7 @@ def noise(
     ladder = _ladder(sigmas) if sigmas else LADDER
     gtf = GtfDefinition(clean_runs=clean_runs)
     probe = NoiseProbe(chosen, chosen.options.check(given), gtf, seed, runs, ladder)
-    loaded = load_sequence(sequence)
+    loaded = load_sequence(sequence, selection=parse_frames(frames))
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
         found = probe.measure(loaded, fresh_trajectories(executor, run_limits(LimitsDefinition())), _say_level)
     if figure:

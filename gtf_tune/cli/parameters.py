@@ -27,6 +27,14 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--setting", metavar="NAME=VALUE", help="A setting of the pipeline that is no option (pairing=...)."),
 ]
+Frames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--frames",
+        metavar="KEY=VALUE",
+        help="Which frames: start, stop, stride, rate_hz, max_frames; max_image_size for their size.",
+    ),
+]
 StudyName = Annotated[str, typer.Argument(metavar="STUDY", help="Name of the study.")]
 
 DEFAULT_STORAGE = "gtf-tune.db"

@@ -8,7 +8,7 @@ import typer
 
 from gtf_tune.cli.console import duration, number, say, write_json, write_line, write_pairs
 from gtf_tune.cli.grouping import GroupedCommands
-from gtf_tune.cli.parameters import Json
+from gtf_tune.cli.parameters import Frames, Json
 
 if TYPE_CHECKING:
     from gtf_tune.sequence import SequenceReport
@@ -32,15 +32,17 @@ class Choice(StrEnum):
 def inspect(
     path: Annotated[Path, typer.Argument(help="Folder of images, or a data set.")],
     layout: Annotated[str, typer.Option("--layout", help="Force a layout; see 'sequence layouts'.")] = "auto",
+    frames: Frames = None,
     json: Json = False,
 ) -> None:
     """Print what a data set holds, and warn of what will hurt.
 
     Example: gtf-tune sequence inspect images/
     """
+    from gtf_tune.cli.values import parse_frames
     from gtf_tune.sequence import inspect_sequence, load_sequence
 
-    report = inspect_sequence(load_sequence(path, layout=layout))
+    report = inspect_sequence(load_sequence(path, layout=layout, selection=parse_frames(frames)))
     if json:
         camera = vars(report.camera) if report.camera else None
         write_json({**vars(report), "camera": camera, "gaps": [vars(gap) for gap in report.gaps]})

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from gtf_tune.cli.console import say
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Settings, Storage
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Frames, Settings, Storage
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
 from gtf_tune.cli.true_errors import Side
 from gtf_tune.cli.values import parse_pair, parse_pairs, parse_value
@@ -35,6 +35,7 @@ def create(
     max_image_size: Annotated[
         int | None, typer.Option("--max-image-size", help="Shrink images to this many pixels on the longer side.")
     ] = None,
+    frames: Frames = None,
     pipeline: Pipeline = None,
     option: Fixed = None,
     setting: Settings = None,
@@ -64,7 +65,7 @@ def create(
         data["name"] = name
     _add_pipeline(data, pipeline, parse_pairs(option, "--option"), parse_pairs(setting, "--setting"))
     _add_sequences(data, sequence)
-    _shrink(data, max_image_size)
+    _select(data, {"max_image_size": max_image_size, **parse_pairs(frames, "--frames")})
     _add_space(data, range_ or [], values or [])
     _put(data, "gtf", clean_runs=clean_runs, noisy_runs=_runs(noisy_runs), aggregate=aggregate)
     _put(data, "gtf", noise_sigma=None if noise_sigma is None else parse_value(noise_sigma))
@@ -108,12 +109,11 @@ def _runs(text: str | None) -> Any:
     return {"min": parse_value(low), "max": parse_value(high)}
 
 
-def _shrink(data: dict[str, Any], max_image_size: int | None) -> None:
+def _select(data: dict[str, Any], selection: dict[str, Any]) -> None:
+    given = {name: value for name, value in selection.items() if value is not None}
     found = data.get("sequences")
-    if max_image_size is not None and isinstance(found, list):
-        data["sequences"] = [
-            {**one, "max_image_size": max_image_size} if isinstance(one, dict) else one for one in found
-        ]
+    if given and isinstance(found, list):
+        data["sequences"] = [{**one, **given} if isinstance(one, dict) else one for one in found]
 
 
 def _add_space(data: dict[str, Any], ranges: list[str], lists: list[str]) -> None:

@@ -1,9 +1,13 @@
 """Read values and pairs from the command line."""
 
 import tomllib
-from typing import Any
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any
 
 from gtf_tune.errors import DefinitionError
+
+if TYPE_CHECKING:
+    from gtf_tune.sequence.selection import Selection
 
 
 def parse_value(text: str) -> Any:
@@ -25,3 +29,18 @@ def parse_pair(text: str, flag: str) -> tuple[str, str]:
     if not equals or not name.strip() or not value.strip():
         raise DefinitionError(f"{flag} takes NAME=VALUE, not '{text}'")
     return name.strip(), value.strip()
+
+
+def parse_frames(texts: list[str] | None) -> "Selection":
+    """Return the selection that several ``--frames KEY=VALUE`` describe, all frames where there are none."""
+    from gtf_tune.sequence.selection import Selection
+
+    given = parse_pairs(texts, "--frames")
+    known = [field.name for field in fields(Selection)]
+    wrong = [name for name in given if name not in known]
+    if wrong:
+        raise DefinitionError(f"--frames knows {', '.join(known)}, not {', '.join(wrong)}")
+    for name, value in given.items():
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            raise DefinitionError(f"--frames {name} takes a number, not '{value}'")
+    return Selection(**given)
