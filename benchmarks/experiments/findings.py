@@ -36,8 +36,7 @@ def share_of_oracle(outcomes: Sequence[Outcome], predictor: str = AGGREGATE) -> 
 
     Only grids count whose oracle gains more than 3 %; a loss counts as -100 % at the most.
     """
-    worth = [one for one in outcomes if one.change(one.oracle) < -WORTH_FINDING]
-    shares = [
-        max(one.change(one.agreement(PREDICTORS[predictor]).pick) / one.change(one.oracle), -1.0) for one in worth
-    ]
+    chosen = PREDICTORS[predictor]
+    worth = [one for one in outcomes if one.change(one.oracle) < -WORTH_FINDING and one.knows(chosen)]
+    shares = [max(one.change(one.agreement(chosen).pick) / one.change(one.oracle), -1.0) for one in worth]
     return mean(shares), len(worth)

@@ -101,6 +101,10 @@ class Outcome:
         """Return the true error of a setting relative to nominal's, negative where it is better."""
         return setting.true_ate / self.nominal.true_ate - 1
 
+    def knows(self, predictor: Predictor) -> bool:
+        """Tell whether a predictor was measured for every feasible setting."""
+        return all(math.isfinite(predictor(one)) for one in self.feasible)
+
     def agreement(self, predictor: Predictor) -> Agreement:
         """Return how well a predictor foretells the true error."""
         predicted = [predictor(one) for one in self.feasible]

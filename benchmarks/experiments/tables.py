@@ -49,15 +49,16 @@ def paper_table() -> Table:
 
 def summary_table(outcomes: Sequence[Outcome]) -> Table:
     """Return one row for each predictor, averaged over experiments."""
-    columns = ["predictor", "R2", "Spearman", "change of true ATE", "share of the oracle", "regressions"]
+    columns = ["predictor", "grids", "R2", "Spearman", "change of true ATE", "share of the oracle", "regressions"]
     rows = []
     for name, predictor in PREDICTORS.items():
-        found = [(one, one.agreement(predictor)) for one in outcomes]
+        found = [(one, one.agreement(predictor)) for one in outcomes if one.knows(predictor)]
         changes = [outcome.change(agreement.pick) for outcome, agreement in found]
         share, _ = share_of_oracle(outcomes, name)
         rows.append(
             [
                 name,
+                str(len(found)),
                 plain(mean(agreement.r_squared * np.sign(agreement.correlation) for _, agreement in found)),
                 plain(mean(agreement.spearman for _, agreement in found)),
                 percent(mean(changes)),
@@ -98,6 +99,8 @@ def predictor_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def _agreement_cell(outcome: Outcome, predictor: Callable[[Setting], float]) -> str:
+    if not outcome.knows(predictor):
+        return "-"
     found = outcome.agreement(predictor)
     signed = found.r_squared * float(np.sign(found.correlation))
     return f"{plain(signed)} / {plain(found.spearman)} / {percent(outcome.change(found.pick))}"

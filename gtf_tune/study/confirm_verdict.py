@@ -2,7 +2,9 @@
 
 A candidate is adopted only if all of this holds: it is better over the searched sequences, significantly so after
 correction for the number of candidates (Holm), and by 2 % at the least; no sequence, held out or not, is significantly
-worse; every run reaches the coverage floor; no more noisy runs collapse than under nominal.
+worse; every run reaches the coverage floor; no more noisy runs collapse than under nominal. Of several such candidates
+the one is adopted whose improvement is surest: its 95 % interval begins highest. A larger improvement with a wide
+interval is more often luck, and runs that scatter more are what nobody wants.
 """
 
 import math
@@ -66,7 +68,7 @@ def judge(findings: Findings, gtf: GtfDefinition) -> dict[str, Any]:
     compared = [_compare(nominal, one, findings.holdouts, gtf) for one in findings.candidates]
     adjusted = holm([1.0 if one.together is None else one.together.p_value for one in compared])
     rows = [_row(one, float(p), nominal, findings.holdouts) for one, p in zip(compared, adjusted, strict=True)]
-    adopted = max((row for row in rows if row["verdict"] == ADOPT), key=lambda row: row["improvement"], default=None)
+    adopted = max((row for row in rows if row["verdict"] == ADOPT), key=lambda row: row["low"], default=None)
     return {
         "verdict": ADOPT if adopted else KEEP,
         "adopted": adopted["ordinal"] if adopted else None,

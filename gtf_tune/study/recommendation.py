@@ -29,7 +29,7 @@ class Recommendation:
     def candidate(self) -> Mapping[str, Any]:
         """Return what the confirmation found about the adopted setting, else about the most promising one."""
         found = list(self.confirmation.get("candidates") or ())
-        adopted = [one for one in found if one["verdict"] == ADOPT]
+        adopted = [one for one in found if one["ordinal"] == self.confirmation.get("adopted")]
         return max(adopted or found, key=lambda one: one["improvement"] or float("-inf"), default={})
 
 

@@ -64,6 +64,17 @@ def test_the_best_of_several_adoptable_candidates_is_adopted() -> None:
     assert judge(found, GTF)["adopted"] == 2
 
 
+def test_the_surer_of_two_improvements_is_adopted() -> None:
+    scattered, sure = {"a": score(0.7, seed=1, spread=0.4)}, {"a": score(0.8, seed=2, spread=0.02)}
+
+    result = judge(findings(scattered, sure, nominal={"a": score(1.0, spread=0.02)}), GTF)
+
+    larger, surer = result["candidates"]
+    assert larger["verdict"] == surer["verdict"] == "adopt"
+    assert larger["improvement"] > surer["improvement"]
+    assert result["adopted"] == 2
+
+
 def test_several_candidates_raise_the_bar() -> None:
     candidate, nominal = {"a": score(0.95, seed=3, spread=0.07)}, {"a": score(1.0, spread=0.02)}
     alone = judge(findings(candidate, nominal=nominal), GTF)["candidates"][0]

@@ -73,7 +73,8 @@ def study_verdict(data: StudyData) -> Verdict:
     found = confirmed_candidates(data)
     best = data.best.ordinal
     if data.confirmations and best in {0, *(one.ordinal for one in found)}:
-        adopted = max((one for one in found if one.is_adopted), key=lambda one: one.improvement.value, default=None)
+        chosen = data.confirmations[-1].result.get("adopted")
+        adopted = next((one for one in found if one.ordinal == chosen), None)
         if adopted is None:
             return _about(data, "keep", 0, _UNKNOWN, found)
         return _about(data, "adopt", adopted.ordinal, adopted.improvement, found)
