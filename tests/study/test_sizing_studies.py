@@ -24,6 +24,10 @@ def _trials(database: Database) -> list[trials.Trial]:
     return trials.of_study(database, studies.get(database, "small").id)
 
 
+def _efforts(database: Database) -> list[trials.Effort]:
+    return trials.efforts(database, studies.get(database, "small").id)
+
+
 def _optuna(database: Database) -> optuna.Study:
     return optuna.load_study(study_name="small", storage=optuna_storage(database))
 
@@ -86,7 +90,7 @@ def test_savings_count_what_stopping_early_spared(raced: Database) -> None:
         definition_of(Path("room"), space=GRID, gtf=ADAPTIVE, search={"sampler": "grid", "trials": None}), "test"
     )
 
-    saved = runs_saved(_trials(raced), definition)
+    saved = runs_saved(_efforts(raced), definition)
 
     assert (saved.full, saved.asked, saved.by_sizing) == (44, 38, 6)
     assert (saved.by_pruner, saved.by_coverage) == (0, 0)
@@ -99,7 +103,7 @@ def test_infeasible_trials_count_as_spared_by_coverage(room: Path, database: Dat
     )
     run_study(data)
 
-    saved = runs_saved(_trials(database), checked_definition(data, "test"))
+    saved = runs_saved(_efforts(database), checked_definition(data, "test"))
 
     assert (saved.full, saved.by_sizing, saved.by_coverage) == (10, 0, 3)
 
@@ -135,7 +139,7 @@ def test_the_wilcoxon_pruner_stops_trials_and_is_accounted_for(
     run_study(data)
 
     stopped = _trials(database)[3]
-    saved = runs_saved(_trials(database), checked_definition(data, "test"))
+    saved = runs_saved(_efforts(database), checked_definition(data, "test"))
 
     assert (stopped.state, stopped.noisy_runs) == ("pruned", 6)
     assert "pruner" in stopped.message
