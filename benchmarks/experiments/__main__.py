@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from benchmarks.experiments.ablation import ablation, swept_elsewhere
 from benchmarks.experiments.findings import Findings
 from benchmarks.experiments.joint import SEQUENCES as JOINT_SEQUENCES
 from benchmarks.experiments.joint import read_joint, run_joint
+from benchmarks.experiments.k_delta import curve
 from benchmarks.experiments.ladder import SEQUENCES as LADDER_SEQUENCES
 from benchmarks.experiments.ladder import Ladder, NotMeasuredError, read_ladder, run_ladder
 from benchmarks.experiments.measure import Bench, data_folders, run_confirmation, run_grid
@@ -27,10 +28,12 @@ from benchmarks.experiments.plan import (
 )
 from benchmarks.experiments.report import write_results
 from benchmarks.experiments.settings import Outcome, read_outcome
-from benchmarks.experiments.stored import outcome_from, stored_results
+from benchmarks.experiments.stored import outcome_from, stored_curves, stored_ladders, stored_results
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.study.evaluation import Interrupted
 from gtf_tune.study.stop import StopRequest, signals_to
+
+Item = TypeVar("Item")
 
 DEFAULT_STORAGE = Path("storage/data/experiments.db")
 DOCS = Path("docs")
@@ -83,8 +86,12 @@ def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
     done = {one.experiment.study for one in (*outcomes, *many, *weaker, *trapped, *ablated)}
     missing = [one.study for group in (table, *others, single) for one in group if one.study not in done]
     missing += [f"joint search on {name}" for name in JOINT_SEQUENCES if name not in {one.sequence for one in joints}]
+    curves = _merged([curve(one) for one in many], stored_curves(DOCS / "results.json"), lambda one: one.study)
+    ladders = _merged(ladders, stored_ladders(DOCS / "results.json"), lambda one: one.sequence)
+    measured = {f"noise ladder of {one.sequence}" for one in ladders}
+    missing_ladders = [name for name in missing_ladders if name not in measured]
     write_results(
-        Findings(outcomes, many, weaker, trapped, ablated, joints, ladders, [*missing, *missing_ladders]), DOCS
+        Findings(outcomes, many, weaker, trapped, ablated, joints, ladders, [*missing, *missing_ladders], curves), DOCS
     )
 
 
@@ -94,6 +101,12 @@ def _read_all(
     """Return finished experiments from the database, else from the results that are written already."""
     found = [read_outcome(database, one) or _stored(stored, one) for one in planned]
     return [one for one in found if one is not None]
+
+
+def _merged(fresh: list[Item], earlier: list[Item], key: Callable[[Item], str]) -> list[Item]:
+    """Return what was measured now, and what only an earlier run of this command has."""
+    known = {key(one) for one in fresh}
+    return [*fresh, *(one for one in earlier if key(one) not in known)]
 
 
 def _stored(stored: Mapping[str, Mapping[str, Any]], experiment: Experiment) -> Outcome | None:

@@ -8,14 +8,14 @@ import plotly.graph_objects as go
 
 from benchmarks.drawing import write_svgs
 from benchmarks.experiments.findings import Findings
-from benchmarks.experiments.k_delta import r_squared_by_count
 from benchmarks.experiments.plan import AGGREGATE
-from benchmarks.experiments.settings import AGGREGATES, PREDICTORS
+from benchmarks.experiments.settings import PREDICTORS
 from benchmarks.experiments.tables import COUNTS
 from gtf_tune.report.figures import theme
 
 FOLDER = "images/results"
 _ROW_PX = 22
+_COLOURS = (theme.GTF_DARK, theme.GROUND_TRUTH, theme.NOMINAL, theme.REPROJECTION, theme.FAINT)
 _DASHES = MappingProxyType({"mean": "dot", "median": "solid", "gmean": "dash", "trimmed": "dashdot"})
 
 
@@ -61,18 +61,10 @@ def gains(findings: Findings) -> go.Figure:
 def k_delta(findings: Findings) -> go.Figure:
     """Draw R2 between score and true ATE over the number of noisy runs, one line for each aggregate."""
     figure = theme.figure()
-    for outcome in findings.many:
-        counts = [count for count in COUNTS if count <= outcome.nominal.matrix.shape[1]]
-        for name in AGGREGATES:
-            label = f"{outcome.experiment.sequence} {outcome.experiment.option.short}, {name}"
-            figure.add_trace(
-                go.Scatter(
-                    x=counts,
-                    y=r_squared_by_count(outcome, name, counts),
-                    name=label,
-                    line={"color": theme.GTF_DARK, "dash": _DASHES[name]},
-                )
-            )
+    for number, curve in enumerate(findings.curves):
+        for name, values in curve.r_squared.items():
+            line = {"color": _COLOURS[number % len(_COLOURS)], "dash": _DASHES[name]}
+            figure.add_trace(go.Scatter(x=curve.counts, y=values, name=f"{curve.study}, {name}", line=line))
     figure.update_xaxes(**theme.axis("noisy runs (k_delta)", type="log", tickvals=list(COUNTS)))
     figure.update_yaxes(**theme.axis("R2 with the true ATE", range=[0, 1.02]))
     return figure
@@ -81,21 +73,19 @@ def k_delta(findings: Findings) -> go.Figure:
 def noise(findings: Findings) -> go.Figure:
     """Draw the score of the nominal setting over sigma, one line for each sequence; recommended levels are filled."""
     figure = theme.figure()
-    colours = (theme.GTF_DARK, theme.GROUND_TRUTH, theme.NOMINAL, theme.REPROJECTION, theme.FAINT)
-    for ladder, colour in zip(findings.ladders, colours, strict=False):
-        scale = ladder.scale
-        symbols = ["circle" if one.sigma == scale.recommended else "circle-open" for one in scale.levels]
+    for ladder, colour in zip(findings.ladders, _COLOURS, strict=False):
+        symbols = ["circle" if one.sigma == ladder.recommended else "circle-open" for one in ladder.rungs]
         figure.add_trace(
             go.Scatter(
-                x=[one.sigma for one in scale.levels],
-                y=[1000 * one.score for one in scale.levels],
+                x=[one.sigma for one in ladder.rungs],
+                y=[1000 * one.score for one in ladder.rungs],
                 name=ladder.sequence,
                 mode="lines+markers",
                 line={"color": colour},
                 marker={"symbol": symbols, "size": 9},
             )
         )
-        figure.add_hline(y=1000 * scale.floor.score, line={"color": colour, "width": 1, "dash": "dot"})
+        figure.add_hline(y=1000 * ladder.floor, line={"color": colour, "width": 1, "dash": "dot"})
     figure.update_xaxes(**theme.axis("sigma [grey levels]", type="log"))
     figure.update_yaxes(**theme.axis("GTF ATE [‰ of the extent]; dotted: clean runs", type="log"))
     return figure

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from benchmarks.experiments.joint import Joint
+from benchmarks.experiments.k_delta import Curve
 from benchmarks.experiments.ladder import Ladder
 from benchmarks.experiments.numbers import mean
 from benchmarks.experiments.plan import AGGREGATE
@@ -18,7 +19,7 @@ AIM = 0.9
 @dataclass(frozen=True)
 class Findings:
     """Hold the grids of table 2, with many noisy runs, with weaker noise, over options that drop frames and of the
-    ablation; joint searches; noise ladders; and what is missing.
+    ablation; joint searches; noise ladders; what is missing; and curves over the number of noisy runs.
     """
 
     outcomes: Sequence[Outcome]
@@ -29,6 +30,7 @@ class Findings:
     joints: Sequence[Joint]
     ladders: Sequence[Ladder]
     missing: Sequence[str]
+    curves: Sequence[Curve] = ()
 
 
 def share_of_oracle(outcomes: Sequence[Outcome], predictor: str = AGGREGATE) -> tuple[float, int]:

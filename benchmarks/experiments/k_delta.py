@@ -1,11 +1,11 @@
 """Show how agreement with the true error grows with the number of noisy runs (the paper's figure on k_delta)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.experiments.settings import Outcome
+from benchmarks.experiments.settings import AGGREGATES, Outcome
 from gtf_tune.gtf import Aggregate, aggregate_matrix
 
 DRAWS = 200
@@ -29,6 +29,22 @@ def r_squared_by_count(outcome: Outcome, aggregate: Aggregate, counts: Sequence[
             values.append(np.corrcoef(scores, true)[0, 1] ** 2)
         found.append(float(np.mean(values)))
     return found
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Hold R2 between score and true error for each number of noisy runs, by aggregate."""
+
+    study: str
+    counts: tuple[int, ...]
+    r_squared: Mapping[str, Sequence[float]]
+
+
+def curve(outcome: Outcome) -> Curve:
+    """Return the curve of a grid with many noisy runs."""
+    counts = tuple(range(1, outcome.nominal.matrix.shape[1] + 1))
+    found: dict[str, list[float]] = {name: r_squared_by_count(outcome, name, counts) for name in AGGREGATES}
+    return Curve(outcome.experiment.study, counts, found)
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,20 @@
 """Measure the score over a ladder of noise levels (the paper's figures on linearity and noise magnitude)."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.experiments.measure import Bench, local_executor
+from benchmarks.experiments.numbers import known
 from benchmarks.experiments.plan import FIXED, ROOM
 from gtf_tune.definition import GtfDefinition, LimitsDefinition
 from gtf_tune.metrics import ate
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.pipelines.run import RunRequest
-from gtf_tune.sequence import Sequence, load_sequence
+from gtf_tune.sequence import Sequence as ImageSequence
+from gtf_tune.sequence import load_sequence
 from gtf_tune.store import runs
 from gtf_tune.store.database import Database
 from gtf_tune.store.trajectories import trajectories
@@ -32,12 +34,34 @@ class NotMeasuredError(Exception):
 
 
 @dataclass(frozen=True)
+class Rung:
+    """Hold one level: score and spread as in `NoiseLevel`, and the mean true ATE of its noisy runs."""
+
+    sigma: float
+    score: float
+    spread: float | None
+    collapsed: int
+    linear: bool | None
+    true_ate: float | None
+
+
+@dataclass(frozen=True)
 class Ladder:
-    """Hold a ladder with the mean true ATE of the noisy runs of each level, in the unit of the ground truth."""
+    """Hold a ladder; ``floor`` is the score of clean runs against clean runs."""
 
     sequence: str
-    scale: NoiseScale
-    true_ates: tuple[float, ...]
+    floor: float
+    rungs: tuple[Rung, ...]
+    recommended: float
+
+
+def ladder_of(sequence: str, scale: NoiseScale, true_ates: Sequence[float]) -> Ladder:
+    """Return the ladder that a noise scale and the true errors of its levels make."""
+    rungs = tuple(
+        Rung(level.sigma, level.score, known(level.spread), level.collapsed, inside, known(true_ate))
+        for level, inside, true_ate in zip(scale.levels, scale.linear, true_ates, strict=True)
+    )
+    return Ladder(sequence, scale.floor.score, rungs, scale.recommended)
 
 
 def run_ladder(bench: Bench, name: str) -> None:
@@ -59,7 +83,7 @@ def read_ladder(database: Database, folders: Mapping[str, Path], name: str) -> L
     seen: list[list[Trajectory]] = []
     scale = _probe().measure(sequence, _only_stored(database, seen))
     # The first group holds the clean runs; each further one is a level.
-    return Ladder(name, scale, tuple(_mean_ate(sequence, level) for level in seen[1:]))
+    return ladder_of(name, scale, [_mean_ate(sequence, level) for level in seen[1:]])
 
 
 def _probe() -> NoiseProbe:
@@ -78,7 +102,7 @@ def _only_stored(database: Database, seen: list[list[Trajectory]]) -> ObtainTraj
     return obtain
 
 
-def _mean_ate(sequence: Sequence, level: list[Trajectory]) -> float:
+def _mean_ate(sequence: ImageSequence, level: list[Trajectory]) -> float:
     if sequence.ground_truth is None:
         return float("nan")
     return float(np.mean([ate(sequence.ground_truth, one, alignment="sim3") for one in level if len(one)]))

@@ -10,11 +10,9 @@ from benchmarks.experiments import tables, text
 from benchmarks.experiments.figures import FOLDER, write_figures
 from benchmarks.experiments.findings import AIM, WORTH_FINDING, Findings, share_of_oracle
 from benchmarks.experiments.joint import Joint
-from benchmarks.experiments.k_delta import r_squared_by_count
-from benchmarks.experiments.ladder import Ladder
 from benchmarks.experiments.numbers import known, part, percent
 from benchmarks.experiments.plan import FRAMES
-from benchmarks.experiments.settings import AGGREGATES, PREDICTORS, Outcome
+from benchmarks.experiments.settings import PREDICTORS, Outcome
 
 
 def write_results(findings: Findings, folder: Path) -> None:
@@ -27,11 +25,11 @@ def write_results(findings: Findings, folder: Path) -> None:
         "experiments": [_as_data(one) for one in findings.outcomes],
         "weaker_noise": [_as_data(one) for one in findings.weaker],
         "many": [_as_data(one) for one in findings.many],
-        "k_delta": [_k_delta_data(one) for one in findings.many],
+        "k_delta": [asdict(one) for one in findings.curves],
         "traps": [_as_data(one) for one in findings.traps],
         "joint": [_joint_data(one) for one in findings.joints],
         "ablation": [_as_data(one) for one in findings.ablated],
-        "ladders": [_ladder_data(one) for one in findings.ladders],
+        "ladders": [asdict(one) for one in findings.ladders],
         "not_measured": list(findings.missing),
     }
     (folder / "results.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
@@ -51,7 +49,7 @@ def _parts(findings: Findings, drawn: Sequence[str]) -> list[str]:
         part("Every experiment and predictor", text.PREDICTORS, tables.predictor_table(outcomes)),
         part("Why a pick is not the best", text.SHORTFALL, tables.shortfall_table(outcomes)),
         part("All five options at once", text.JOINT, tables.joint_table(findings.joints, outcomes)),
-        part("How many noisy runs", text.K_DELTA + figures["k-delta"], tables.k_delta_table(many)),
+        part("How many noisy runs", text.K_DELTA + figures["k-delta"], tables.k_delta_table(findings.curves)),
         part("Noise ladder", text.LADDER + figures["noise"], tables.ladder_table(findings.ladders)),
         part("Which options matter", text.ABLATION + figures["options"], tables.ablation_table(findings.ablated)),
         part("Coverage traps", text.TRAPS, tables.trap_table(findings.traps)),
@@ -129,23 +127,3 @@ def _as_data(outcome: Outcome) -> dict[str, Any]:
             for one in outcome.settings
         ],
     }
-
-
-def _ladder_data(ladder: Ladder) -> dict[str, Any]:
-    scale = ladder.scale
-    levels = [
-        {"sigma": level.sigma, "score": known(level.score), "true_ate": known(true_ate), "collapsed": level.collapsed}
-        for level, true_ate in zip(scale.levels, ladder.true_ates, strict=True)
-    ]
-    return {
-        "sequence": ladder.sequence,
-        "floor": known(scale.floor.score),
-        "levels": levels,
-        "recommended": scale.recommended,
-    }
-
-
-def _k_delta_data(outcome: Outcome) -> dict[str, Any]:
-    counts = list(range(1, outcome.nominal.matrix.shape[1] + 1))
-    found: dict[str, Any] = {name: r_squared_by_count(outcome, name, counts) for name in AGGREGATES}
-    return {"study": outcome.experiment.study, "counts": counts, "r_squared": found}

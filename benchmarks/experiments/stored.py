@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.experiments.estimators import paired_ratio
+from benchmarks.experiments.k_delta import Curve
+from benchmarks.experiments.ladder import Ladder, Rung
 from benchmarks.experiments.plan import Experiment
 from benchmarks.experiments.settings import Outcome, Setting
 from gtf_tune.trajectory import FloatArray
@@ -22,6 +24,36 @@ def stored_results(file: Path) -> dict[str, Mapping[str, Any]]:
         return {}
     data = json.loads(file.read_text(encoding="utf-8"))
     return {one["study"]: one for group in _GROUPS for one in data.get(group, ())}
+
+
+def stored_curves(file: Path) -> list[Curve]:
+    """Return the curves over the number of noisy runs that a file holds."""
+    return [Curve(one["study"], tuple(one["counts"]), one["r_squared"]) for one in _group(file, "k_delta")]
+
+
+def stored_ladders(file: Path) -> list[Ladder]:
+    """Return the noise ladders that a file holds."""
+    return [_ladder(one) for one in _group(file, "ladders")]
+
+
+def _ladder(stored: Mapping[str, Any]) -> Ladder:
+    rungs = tuple(_rung(one) for one in stored.get("rungs") or stored["levels"])
+    return Ladder(stored["sequence"], stored["floor"], rungs, stored["recommended"])
+
+
+def _group(file: Path, name: str) -> list[Mapping[str, Any]]:
+    return list(json.loads(file.read_text(encoding="utf-8")).get(name, ())) if file.exists() else []
+
+
+def _rung(level: Mapping[str, Any]) -> Rung:
+    return Rung(
+        level["sigma"],
+        level["score"],
+        level.get("spread"),
+        level["collapsed"],
+        level.get("linear"),
+        level["true_ate"],
+    )
 
 
 def outcome_from(stored: Mapping[str, Any], experiment: Experiment) -> Outcome:

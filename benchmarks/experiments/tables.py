@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.experiments.findings import share_of_oracle
 from benchmarks.experiments.joint import Joint, sweeps_of
-from benchmarks.experiments.k_delta import picks, r_squared_by_count
+from benchmarks.experiments.k_delta import Curve, picks
 from benchmarks.experiments.ladder import Ladder
 from benchmarks.experiments.numbers import Table, mean, percent, plain, significant
 from benchmarks.experiments.paper import ROWS
@@ -139,18 +139,17 @@ def shortfall_table(outcomes: Sequence[Outcome]) -> Table:
     ], rows
 
 
-def k_delta_table(many: Sequence[Outcome]) -> Table:
+def k_delta_table(curves: Sequence[Curve]) -> Table:
     """Return R2 for numbers of noisy runs, one row for each experiment and aggregate."""
-    if not many:
+    if not curves:
         return ["experiment"], []
-    most = max(one.nominal.matrix.shape[1] for one in many)
-    counts = [count for count in COUNTS if count <= most]
+    counts = [count for count in COUNTS if count <= max(one.counts[-1] for one in curves)]
     rows = []
-    for outcome in many:
-        for aggregate in AGGREGATES:
-            found = r_squared_by_count(outcome, aggregate, counts)
-            name = f"{outcome.experiment.sequence} {outcome.experiment.option.short} {aggregate}"
-            rows.append([name, *(plain(value) for value in found)])
+    for one in curves:
+        for name, values in one.r_squared.items():
+            known = dict(zip(one.counts, values, strict=True))
+            cells = [plain(known[count]) if count in known else "-" for count in counts]
+            rows.append([f"{one.study} {name}", *cells])
     return ["experiment", *(f"k_delta {count}" for count in counts)], rows
 
 
@@ -172,14 +171,14 @@ def ladder_table(ladders: Sequence[Ladder]) -> Table:
     """Return one row for each level of each ladder."""
     rows = []
     for one in ladders:
-        scale = one.scale
-        rows.append([one.sequence, "0", significant(1000 * scale.floor.score), *["-"] * 3, "0", "floor"])
-        levels = zip(scale.levels, scale.responses, scale.ratios, scale.linear, one.true_ates, strict=True)
-        for level, response, ratio, inside, true_ate in levels:
-            mark = "recommended" if level.sigma == scale.recommended else "linear" if inside else ""
-            numbers = [significant(value) for value in (1000 * level.score, 1000 * response, ratio, true_ate)]
-            rows.append([one.sequence, f"{level.sigma:g}", *numbers, f"{level.collapsed}/{level.runs}", mark])
-    columns = ["sequence", "sigma", "score [‰]", "response [‰ / grey]", "signal / spread", "true ATE of noisy runs"]
+        rows.append([one.sequence, "0", significant(1000 * one.floor), *["-"] * 4, "floor"])
+        for rung in one.rungs:
+            mark = "recommended" if rung.sigma == one.recommended else "linear" if rung.linear else ""
+            signal = math.sqrt(max(rung.score**2 - one.floor**2, 0.0))
+            numbers = [significant(value) for value in (1000 * rung.score, 1000 * signal / rung.sigma)]
+            numbers += ["-" if value is None else significant(value) for value in (rung.spread, rung.true_ate)]
+            rows.append([one.sequence, f"{rung.sigma:g}", *numbers, str(rung.collapsed), mark])
+    columns = ["sequence", "sigma", "score [‰]", "response [‰ / grey]", "spread", "true ATE of noisy runs"]
     return [*columns, "collapsed", ""], rows
 
 

@@ -12,7 +12,8 @@ from benchmarks.experiments.estimators import between, dispersion, paired_ratio
 from benchmarks.experiments.figures import gains, k_delta, noise, options
 from benchmarks.experiments.findings import Findings, share_of_oracle
 from benchmarks.experiments.joint import Joint
-from benchmarks.experiments.k_delta import picks, r_squared_by_count
+from benchmarks.experiments.k_delta import curve, picks, r_squared_by_count
+from benchmarks.experiments.ladder import Ladder, Rung
 from benchmarks.experiments.plan import (
     OPTIONS,
     Experiment,
@@ -23,7 +24,7 @@ from benchmarks.experiments.plan import (
     traps,
 )
 from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
-from benchmarks.experiments.stored import outcome_from, stored_results
+from benchmarks.experiments.stored import outcome_from, stored_curves, stored_ladders, stored_results
 from benchmarks.experiments.tables import joint_table, trap_table
 from gtf_tune.trajectory import Trajectory
 
@@ -182,12 +183,26 @@ def test_a_joint_search_stands_beside_the_sweeps_of_its_sequence() -> None:
 
 def test_figures_hold_what_was_measured() -> None:
     found = outcome(setting(0, 1.0), setting(1, 0.5), verdict="keep nominal", adopted=setting(0, 1.0))
-    findings = Findings([found], [found], [], [], [found], [], [], [])
+    ladder = Ladder("room", 1e-4, (Rung(1.0, 1e-3, 0.3, 0, True, 0.5),), 1.0)
+    findings = Findings([found], [found], [], [], [found], [], [ladder], [], [curve(found)])
 
     assert gains(findings).data[0].x == (-50.0,)
     assert len(k_delta(findings).data) == 4
     assert options(findings).data[0].base == (-50.0,)
-    assert not noise(findings).data
+    assert list(noise(findings).data[0].y) == [1.0]
+
+
+def test_ladders_and_curves_are_kept_where_their_database_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = outcome(setting(0, 1.0), setting(1, 0.5))
+    ladder = Ladder("room", 1e-4, (Rung(1.0, 1e-3, 0.3, 0, True, 0.5),), 1.0)
+    monkeypatch.setattr(report, "write_figures", lambda *_: [])
+
+    report.write_results(Findings([found], [found], [], [], [], [], [ladder], [], [curve(found)]), tmp_path)
+
+    assert stored_ladders(tmp_path / "results.json") == [ladder]
+    assert stored_curves(tmp_path / "results.json")[0].counts == tuple(range(1, 9))
 
 
 def test_outcomes_read_back_from_the_results_are_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
