@@ -4,6 +4,7 @@ import argparse
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,6 +20,7 @@ from benchmarks.experiments.measure import Bench, data_folders, run_confirmation
 from benchmarks.experiments.plan import (
     CONFIRMATION_RUNS,
     OPTIONS,
+    SIGMAS,
     Experiment,
     batches,
     experiments,
@@ -73,16 +75,17 @@ def _grids(bench: Bench, planned: Sequence[Experiment]) -> None:
 
 
 def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
-    """Write the results as far as there are any, also in the middle of the work."""
-    table, single = experiments(folders), ablation(folders)
-    others = [many_noisy_runs(folders), other_sigmas(folders), traps(folders)]
+    """Write the results as far as there are any, also in the middle of the work and of sequences that are not here."""
+    named = {name: Path(name) for name in SIGMAS}
+    table, single = experiments(named), ablation(named)
+    others = [many_noisy_runs(named), other_sigmas(named), traps(named)]
     read = partial(_read_all, bench.database, stored_results(DOCS / "results.json"))
     outcomes = read(table)
     many, weaker, trapped = map(read, others)
     ladders, missing_ladders = _ladders(bench, folders)
     found = [read_joint(bench.database, name) for name in JOINT_SEQUENCES]
     joints = [one for one in found if one is not None]
-    ablated = read([*single, *swept_elsewhere(folders)])
+    ablated = read([*single, *swept_elsewhere(named)])
     done = {one.experiment.study for one in (*outcomes, *many, *weaker, *trapped, *ablated)}
     missing = [one.study for group in (table, *others, single) for one in group if one.study not in done]
     missing += [f"joint search on {name}" for name in JOINT_SEQUENCES if name not in {one.sequence for one in joints}]
@@ -99,8 +102,16 @@ def _read_all(
     database: Database, stored: Mapping[str, Mapping[str, Any]], planned: Sequence[Experiment]
 ) -> list[Outcome]:
     """Return finished experiments from the database, else from the results that are written already."""
-    found = [read_outcome(database, one) or _stored(stored, one) for one in planned]
+    found = [_known(read_outcome(database, one), _stored(stored, one)) for one in planned]
     return [one for one in found if one is not None]
+
+
+def _known(fresh: Outcome | None, earlier: Outcome | None) -> Outcome | None:
+    """Return what the database holds, with the earlier verdict where it holds none."""
+    if fresh is None or fresh.adopted is not None or earlier is None or earlier.adopted is None:
+        return fresh or earlier
+    adopted = next((one for one in fresh.settings if one.value == earlier.adopted.value), None)
+    return fresh if adopted is None else replace(fresh, adopted=adopted, verdict=earlier.verdict)
 
 
 def _merged(fresh: list[Item], earlier: list[Item], key: Callable[[Item], str]) -> list[Item]:
