@@ -78,9 +78,11 @@ def run(effort: Effort) -> Section:
         header=("pipeline", "runs", "a run", "in its process", "outside the stages"),
         rows=tuple(_row(name, one) for name, one in {"analytic": analytic, **found}.items()),
         aims=(
-            _aim(f"at most {AIM_MS:g} ms a run", f"{analytic.outside_ms:.0f} ms", analytic.outside_ms <= AIM_MS),
+            _aim(
+                f"at most {AIM_MS:g} ms a run", f"{analytic.outside_ms:.0f} ms", analytic, analytic.outside_ms <= AIM_MS
+            ),
             *(
-                _aim(f"at most {AIM_SHARE:.0%} of a run of {name}", f"{one.share:.1%}", one.share <= AIM_SHARE)
+                _aim(f"at most {AIM_SHARE:.0%} of a run of {name}", f"{one.share:.1%}", one, one.share <= AIM_SHARE)
                 for name, one in found.items()
             ),
         ),
@@ -132,6 +134,7 @@ def _row(name: str, found: StudyTime) -> tuple[str, ...]:
     return (name, str(found.runs), *(f"{1e3 * one:.1f} ms" for one in each), f"{found.outside_ms:.1f} ms")
 
 
-def _aim(wanted: str, measured: str, met: bool) -> Aim:
-    bound = "" if met else "It is bound by the commits of a trial and by the checksums of cached stages."
+def _aim(wanted: str, measured: str, found: StudyTime, met: bool) -> Aim:
+    outside = (found.wall_s - found.in_process_s) / (found.wall_s - found.in_stages_s)
+    bound = "" if met else f"{outside:.0%} of it is outside the run's process: asking, starting, scoring, storing."
     return Aim(wanted, measured, met, bound)
