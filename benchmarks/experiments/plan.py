@@ -77,7 +77,7 @@ DEFAULT_SIGMA = 5.0
 WEAKER = MappingProxyType({"dtu-scan24": 0.5, "fountain-P11": 2.0})
 """A second level of noise, to see what depends on it."""
 
-_TRAP = Option("inliers", "verification.min_num_inliers", (15, 60, 120, 200, 300), "2V geom. min num inliers")
+_TRAP = Option("inliers", "verification.min_num_inliers", (15, 120, 300, 500, 800), "2V geom. min num inliers")
 
 FRAMES: Mapping[str, Mapping[str, int]] = MappingProxyType(
     {

@@ -63,8 +63,8 @@ ABLATION = (
     f"Without a successor: {'; '.join(WITHOUT_SUCCESSOR)}."
 )
 TRAPS = (
-    "An option that registers fewer frames at its strict end. The error over the frames that are left can be small "
-    "there; such settings are infeasible, so neither search nor pick falls for them."
+    "An option that can register fewer frames at its strict end, where the error over the frames that are left may be "
+    "small. A setting below the coverage floor is infeasible: neither search nor pick can fall for it."
 )
 FRAGILE = (
     "Settings that ran into the coverage floor, or whose noisy runs collapsed, with their true ATE against nominal."
