@@ -9,7 +9,6 @@ from typing import Any
 from benchmarks.experiments import tables, text
 from benchmarks.experiments.figures import FOLDER, write_figures
 from benchmarks.experiments.findings import AIM, WORTH_FINDING, Findings, share_of_oracle
-from benchmarks.experiments.joint import Joint
 from benchmarks.experiments.numbers import known, part, percent
 from benchmarks.experiments.plan import FRAMES
 from benchmarks.experiments.settings import PREDICTORS, Outcome
@@ -27,7 +26,7 @@ def write_results(findings: Findings, folder: Path) -> None:
         "many": [_as_data(one) for one in findings.many],
         "k_delta": [asdict(one) for one in findings.curves],
         "traps": [_as_data(one) for one in findings.traps],
-        "joint": [_joint_data(one) for one in findings.joints],
+        "joint": [asdict(one) for one in findings.joints],
         "ablation": [_as_data(one) for one in findings.ablated],
         "ladders": [asdict(one) for one in findings.ladders],
         "not_measured": list(findings.missing),
@@ -96,10 +95,6 @@ def _frames() -> str:
 def _named(outcomes: Sequence[Outcome]) -> str:
     named = [f"{one.experiment.study} {percent(one.change(one.adopted))}" for one in outcomes if one.adopted]
     return f" ({', '.join(named)})" if named else ""
-
-
-def _joint_data(joint: Joint) -> dict[str, Any]:
-    return asdict(joint)
 
 
 def _as_data(outcome: Outcome) -> dict[str, Any]:
