@@ -62,10 +62,10 @@ def run(effort: Effort) -> Section:
         folder = Path(name)
         images = room(folder)
         analytic = time_study(folder, _analytic(images), effort.pick(30, 100))
-        found = {f"glomap, {images.name}": time_study(folder, _glomap(images), effort.pick(4, 12))}
+        found = {f"glomap, {images.name}": time_study(folder, _glomap(images), effort.pick(3, 8))}
         photographs = fountain()
         if photographs:
-            found[f"glomap, {photographs.name}"] = time_study(folder, _glomap(photographs), effort.pick(2, 4))
+            found[f"glomap, {photographs.name}"] = time_study(folder, _glomap(photographs), effort.pick(1, 3))
     return Section(
         title="Overhead: wall time outside the pipeline",
         text=(
@@ -121,7 +121,7 @@ def _glomap(images: Sequence) -> dict[str, Any]:
         "pipeline": {"name": "glomap", "options": FIXED_OPTIONS},
         "sequences": [{"name": "room", "path": str(images.root.resolve())}],
         "space": {"mapper.max_normalized_reproj_error": {"low": 2e-3, "high": 0.1, "log": True}},
-        "gtf": {"clean_runs": 2, "noisy_runs": 2, "noise_sigma": 5.0},
+        "gtf": {"clean_runs": 2, "noisy_runs": 6, "noise_sigma": 5.0},
     }
 
 

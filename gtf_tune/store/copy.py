@@ -159,7 +159,8 @@ def _verified(source: Database, target: Database, study: Study, optuna_id: int) 
 
 def _rows(database: Database, table: Table, condition: ColumnElement[bool]) -> list[Row]:
     query = select(table).where(condition).order_by(*table.primary_key.columns)
-    return read(database, lambda session: [dict(row) for row in session.execute(query).mappings()])
+    keys = table.c.keys()
+    return read(database, lambda session: [dict(zip(keys, row, strict=True)) for row in session.execute(query)])
 
 
 def _insert(session: Session, table: Table, rows: list[Row]) -> list[int]:

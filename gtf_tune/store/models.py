@@ -123,7 +123,7 @@ class Run(Base):
     options: Mapped[dict[str, Any]]
     sequence_fingerprint: Mapped[str] = mapped_column(String(64))
     kind: Mapped[str] = mapped_column(String(16))
-    index: Mapped[int] = mapped_column("index_")
+    index: Mapped[int] = mapped_column("index_", key="index")
     noise_sigma: Mapped[float]
     noise_seed: Mapped[int] = mapped_column(Seed)
     seed: Mapped[int] = mapped_column(Seed)
@@ -159,7 +159,7 @@ class TrialRun(Base):
     trial_id: Mapped[int] = mapped_column(_owned_by("gtf_trial.id"), primary_key=True)
     sequence_name: Mapped[str] = mapped_column(primary_key=True)
     kind: Mapped[str] = mapped_column(String(16), primary_key=True)
-    index: Mapped[int] = mapped_column("index_", primary_key=True)
+    index: Mapped[int] = mapped_column("index_", key="index", primary_key=True)
     run_id: Mapped[int] = mapped_column(_owned_by("gtf_run.id"), index=True)
     reused: Mapped[bool]
 

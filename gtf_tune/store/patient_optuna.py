@@ -2,13 +2,18 @@
 
 import functools
 import json
-from collections.abc import Callable
-from typing import Any
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from types import MappingProxyType
+from typing import Any, cast
 
-from optuna.storages import RDBStorage
+from optuna.storages import BaseStorage, RDBStorage
 from optuna.storages._rdb import models
+from optuna.storages._rdb.storage import _create_scoped_session
 from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy import Select, select
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
 from gtf_tune.store.database import Database
@@ -45,6 +50,27 @@ _REPEATABLE = (
 )
 
 
+_Row = tuple[Any, dict[str, Any]]
+"""A model of Optuna and the columns of one of its rows."""
+
+_KEPT = MappingProxyType(
+    {
+        models.TrialUserAttributeModel: "key",
+        models.TrialSystemAttributeModel: "key",
+        models.TrialIntermediateValueModel: "step",
+    }
+)
+"""What can be gathered, each with the column that tells the rows of a trial apart."""
+
+_UPSERTS: Mapping[str, Any] = MappingProxyType({"sqlite": sqlite.insert, "postgresql": postgresql.insert})
+
+
+class _Gathered(threading.local):
+    """Hold the rows that a thread has set but not yet written; ``None`` where it writes at once."""
+
+    rows: list[_Row] | None = None
+
+
 class PatientStorage(RDBStorage):
     """Repeat calls that failed for a lock, a dropped connection or a restarting server, for at most two minutes.
 
@@ -56,8 +82,65 @@ class PatientStorage(RDBStorage):
 
     def __init__(self, database: Database, url: str, **arguments: Any) -> None:
         super().__init__(url, **arguments)
+        self._gathered = _Gathered()
+        self._gather = _patient(database, self._write_gathered)
         for name in _REPEATABLE:
             setattr(self, name, _patient(database, getattr(self, name)))
+
+    @contextmanager
+    def gathered(self) -> Iterator[None]:
+        """Write the attributes and intermediate values that this thread sets meanwhile in one transaction at the end.
+
+        Nothing is written where an exception ends it.
+        """
+        rows: list[_Row] = []
+        self._gathered.rows = rows
+        try:
+            yield
+        finally:
+            self._gathered.rows = None
+        if rows:
+            self._gather(rows)
+
+    def _write_gathered(self, rows: Sequence[_Row]) -> None:
+        upsert = _UPSERTS[self.engine.dialect.name]
+        with _create_scoped_session(self.scoped_session, True) as session:
+            for trial_id in {row["trial_id"] for _, row in rows}:
+                trial = models.TrialModel.find_or_raise_by_id(trial_id, session)
+                self.check_trial_is_updatable(trial_id, cast("TrialState", trial.state))
+            for kind, name in _KEPT.items():
+                mine = {(row["trial_id"], row[name]): row for model, row in rows if model is kind}
+                if not mine:
+                    continue
+                insert = upsert(kind).values(list(mine.values()))
+                changed = {column: insert.excluded[column] for column in next(iter(mine.values()))}
+                session.execute(insert.on_conflict_do_update(index_elements=["trial_id", name], set_=changed))
+
+    def set_trial_user_attr(self, trial_id: int, key: str, value: Any) -> None:
+        """Set a user attribute now, or with all others that are gathered."""
+        if self._gathered.rows is None:
+            super().set_trial_user_attr(trial_id, key, value)
+        else:
+            row = {"trial_id": trial_id, "key": key, "value_json": json.dumps(value)}
+            self._gathered.rows.append((models.TrialUserAttributeModel, row))
+
+    def set_trial_system_attr(self, trial_id: int, key: str, value: Any) -> None:
+        """Set a system attribute now, or with all others that are gathered."""
+        if self._gathered.rows is None:
+            super().set_trial_system_attr(trial_id, key, value)
+        else:
+            row = {"trial_id": trial_id, "key": key, "value_json": json.dumps(value)}
+            self._gathered.rows.append((models.TrialSystemAttributeModel, row))
+
+    def set_trial_intermediate_value(self, trial_id: int, step: int, intermediate_value: float) -> None:
+        """Set an intermediate value now, or with all others that are gathered."""
+        if self._gathered.rows is None:
+            super().set_trial_intermediate_value(trial_id, step, intermediate_value)
+            return
+        kind = models.TrialIntermediateValueModel
+        value, value_type = kind.intermediate_value_to_stored_repr(intermediate_value)
+        row = {"intermediate_value": value, "intermediate_value_type": value_type}
+        self._gathered.rows.append((kind, {"trial_id": trial_id, "step": step, **row}))
 
     def _get_prepared_new_trial(
         self, study_id: int, template_trial: FrozenTrial | None, session: Session
@@ -66,6 +149,20 @@ class PatientStorage(RDBStorage):
         slot = template_trial.system_attrs.get(SLOT_KEY) if template_trial else None
         found = None if slot is None else session.scalars(_of_slot(study_id, slot)).first()
         return found or super()._get_prepared_new_trial(study_id, template_trial, session)
+
+
+@contextmanager
+def gathered(storage: BaseStorage) -> Iterator[None]:
+    """Write what this thread sets of trials meanwhile in one transaction (see `PatientStorage.gathered`).
+
+    ``storage`` is that of an Optuna study, whose cache of finished trials passes such calls on to ours.
+    """
+    ours = getattr(storage, "_backend", storage)
+    if not isinstance(ours, PatientStorage):
+        yield
+        return
+    with ours.gathered():
+        yield
 
 
 def _of_slot(study_id: int, slot: int) -> Select[models.TrialModel]:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import case, func, select
+from sqlalchemy import case, func, insert, select
 from sqlalchemy.orm import Session
 
 from gtf_tune.pipelines.base import DiagnosticValue
@@ -12,7 +12,7 @@ from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest, RunStatus
 from gtf_tune.store import models
 from gtf_tune.store.database import Database
-from gtf_tune.store.rows import chunks, columns_of
+from gtf_tune.store.rows import chunks, columns_of, table_of
 from gtf_tune.store.session import read, read_rows, write
 
 
@@ -105,14 +105,13 @@ def save(database: Database, request: RunRequest, outcome: RunOutcome) -> Stored
     trajectory = to_bytes(outcome.trajectory)
 
     def work(session: Session) -> StoredRun:
-        found = _one(session, row["key"])
-        if found is not None:
-            return found
-        run = models.Run(**row)
-        session.add(run)
-        session.flush()
-        session.add(models.RunOutput(run_id=run.id, trajectory=trajectory, log=outcome.log))
-        return StoredRun(id=run.id, **row)
+        if session.connection().scalar(select(models.Run.id).where(models.Run.key == row["key"])):
+            return _one(session, row["key"])
+        # Not as objects: bookkeeping of a row that nobody changes takes longer than writing it.
+        execute = session.connection().execute
+        run_id = execute(insert(table_of(models.Run)).returning(models.Run.id), row).scalar_one()
+        execute(insert(table_of(models.RunOutput)), {"run_id": run_id, "trajectory": trajectory, "log": outcome.log})
+        return StoredRun(id=run_id, **row)
 
     return write(database, work)
 
@@ -147,9 +146,8 @@ def _row(request: RunRequest, outcome: RunOutcome) -> dict[str, Any]:
     }
 
 
-def _one(session: Session, key: str) -> StoredRun | None:
-    row = session.execute(select(*columns_of(models.Run, StoredRun)).where(models.Run.key == key)).one_or_none()
-    return None if row is None else StoredRun(*row)
+def _one(session: Session, key: str) -> StoredRun:
+    return StoredRun(*session.execute(select(*columns_of(models.Run, StoredRun)).where(models.Run.key == key)).one())
 
 
 def link(database: Database, trial_id: int, uses: Sequence[RunUse]) -> None:

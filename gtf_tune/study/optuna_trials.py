@@ -29,10 +29,20 @@ def create_for_slot(study: optuna.Study, ordinal: int, fixed: Mapping[str, Any] 
 
 
 def start(study: optuna.Study, trial_id: int) -> Trial:
-    """Return the running trial of an id; a trial that another owner has begun is continued with the same options."""
-    if frozen(study, trial_id).state == TrialState.WAITING:
-        storage_of(study).set_trial_state_values(trial_id, state=TrialState.RUNNING)
+    """Return the running trial of an id; a trial that another owner has begun is continued with the same options.
+
+    Raises
+    ------
+    UpdateFinishedTrialError
+        Another owner has finished it.
+    """
+    storage_of(study).set_trial_state_values(trial_id, state=TrialState.RUNNING)
     return Trial(study, trial_id)
+
+
+def known(trial: Trial) -> FrozenTrial:
+    """Return what a running trial had when it was begun here, with what it was given since."""
+    return trial._cached_frozen_trial
 
 
 def frozen(study: optuna.Study, trial_id: int) -> FrozenTrial:

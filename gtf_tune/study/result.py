@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 from optuna.trial import Trial
 
+from gtf_tune.store.patient_optuna import gathered
 from gtf_tune.store.slots import TrialResult
+from gtf_tune.study import optuna_trials
 from gtf_tune.study.objective import SequenceScore
 from gtf_tune.study.reference import Reference
 from gtf_tune.study.scoring import ScoredTrial
@@ -16,9 +18,10 @@ COVERAGE_CONSTRAINT = "coverage"
 
 def report_instances(trial: Trial, scored: ScoredTrial) -> None:
     """Report the value of each new noisy instance as an intermediate value, its number being the step."""
-    known = len(trial.storage.get_trial(trial._trial_id).intermediate_values)
-    for step, value in enumerate(scored.instances[known:], start=known):
-        trial.report(value, step)
+    known = len(optuna_trials.known(trial).intermediate_values)
+    with gathered(trial.storage):
+        for step, value in enumerate(scored.instances[known:], start=known):
+            trial.report(value, step)
 
 
 def set_attributes(trial: Trial, scored: ScoredTrial, reference: Reference, wall_s: float) -> None:
@@ -26,10 +29,16 @@ def set_attributes(trial: Trial, scored: ScoredTrial, reference: Reference, wall
 
     ``improvement_percent`` is positive where the trial beats nominal.
     """
-    score = scored.score
+    attributes = _attributes(scored, reference, wall_s)
     # A trial that an earlier worker nearly finished has the constraint already; Optuna would warn of a second one.
-    if COVERAGE_CONSTRAINT not in trial.storage.get_trial(trial._trial_id).constraints:
-        trial.set_constraint(COVERAGE_CONSTRAINT, score.violation)
+    if COVERAGE_CONSTRAINT not in optuna_trials.known(trial).constraints:
+        trial.set_constraint(COVERAGE_CONSTRAINT, scored.score.violation)
+    for name, value in attributes.items():
+        trial.set_user_attr(name, value)
+
+
+def _attributes(scored: ScoredTrial, reference: Reference, wall_s: float) -> dict[str, Any]:
+    score = scored.score
     attributes: dict[str, Any] = {
         "coverage": round(score.coverage, 4),
         "noisy_runs": scored.noisy_runs,
@@ -43,8 +52,7 @@ def set_attributes(trial: Trial, scored: ScoredTrial, reference: Reference, wall
             attributes["stopped_early"] = True
         if reference.nominal_value:
             attributes["improvement_percent"] = round(100 * (1 - score.value / reference.nominal_value), 2)
-    for name, value in attributes.items():
-        trial.set_user_attr(name, value)
+    return attributes
 
 
 def trial_result(scored: ScoredTrial, wall_s: float) -> TrialResult:

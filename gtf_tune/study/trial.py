@@ -13,6 +13,7 @@ from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import runs, slots
 from gtf_tune.store.optuna_tables import with_optuna
+from gtf_tune.store.patient_optuna import gathered
 from gtf_tune.study import optuna_trials
 from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
 from gtf_tune.study.events import StudyListener, TrialEnd
@@ -75,11 +76,13 @@ class TrialRunner:
             raise Interrupted
         runs.link(database, slot.trial_id, scored.uses)
         wall_s = time.perf_counter() - started
-        set_attributes(trial, scored, reference, wall_s)
-        record_side_metric(self.study, slot, trial, scored)
+        with gathered(trial.storage):
+            set_attributes(trial, scored, reference, wall_s)
+            record_side_metric(self.study, slot, trial, scored)
+            if self.study.mismatch:
+                trial.set_user_attr("version", self.study.pipeline.version)
         result = trial_result(scored, wall_s)
         if self.study.mismatch:
-            trial.set_user_attr("version", self.study.pipeline.version)
             result = replace(result, detail={**result.detail, "version_mismatch": self.study.mismatch})
         if not slots.finish(database, slot, result):
             raise Interrupted
