@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+from benchmarks.experiments import several
 from benchmarks.experiments.ablation import ablation, swept_elsewhere
 from benchmarks.experiments.findings import Findings
 from benchmarks.experiments.joint import SEQUENCES as JOINT_SEQUENCES
@@ -30,7 +31,14 @@ from benchmarks.experiments.plan import (
 )
 from benchmarks.experiments.report import write_results
 from benchmarks.experiments.settings import Outcome, read_outcome
-from benchmarks.experiments.stored import outcome_from, stored_curves, stored_ladders, stored_results
+from benchmarks.experiments.stored import (
+    outcome_from,
+    stored_candidates,
+    stored_curves,
+    stored_joints,
+    stored_ladders,
+    stored_results,
+)
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.study.evaluation import Interrupted
 from gtf_tune.study.stop import StopRequest, signals_to
@@ -64,6 +72,8 @@ def _measure(bench: Bench, planned: list[Experiment], confirmation_runs: int) ->
         _grids(bench, traps(folders))
         for name in (name for name in JOINT_SEQUENCES if name in folders):
             _timed(f"joint search on {name}", partial(run_joint, bench, name, confirmation_runs))
+        if set(several.needed()) <= set(folders):
+            _timed("one setting for several sequences", partial(several.run_several, bench))
         _grids(bench, [*many_noisy_runs(folders), *other_sigmas(folders), *ablation(folders)])
         for name in (name for name in LADDER_SEQUENCES if name in folders):
             _timed(f"noise ladder of {name}", partial(run_ladder, bench, name))
@@ -84,17 +94,24 @@ def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
     many, weaker, trapped = map(read, others)
     ladders, missing_ladders = _ladders(bench, folders)
     found = [read_joint(bench.database, name) for name in JOINT_SEQUENCES]
-    joints = [one for one in found if one is not None]
+    joints = _merged(
+        [one for one in found if one is not None], stored_joints(DOCS / "results.json"), lambda one: one.sequence
+    )
+    candidates = several.read_several(bench.database, outcomes) or stored_candidates(DOCS / "results.json")
     ablated = read([*single, *swept_elsewhere(named)])
     done = {one.experiment.study for one in (*outcomes, *many, *weaker, *trapped, *ablated)}
     missing = [one.study for group in (table, *others, single) for one in group if one.study not in done]
     missing += [f"joint search on {name}" for name in JOINT_SEQUENCES if name not in {one.sequence for one in joints}]
+    missing += [] if candidates else ["one setting for several sequences"]
     curves = _merged([curve(one) for one in many], stored_curves(DOCS / "results.json"), lambda one: one.study)
     ladders = _merged(ladders, stored_ladders(DOCS / "results.json"), lambda one: one.sequence)
     measured = {f"noise ladder of {one.sequence}" for one in ladders}
     missing_ladders = [name for name in missing_ladders if name not in measured]
     write_results(
-        Findings(outcomes, many, weaker, trapped, ablated, joints, ladders, [*missing, *missing_ladders], curves), DOCS
+        Findings(
+            outcomes, many, weaker, trapped, ablated, joints, ladders, [*missing, *missing_ladders], curves, candidates
+        ),
+        DOCS,
     )
 
 

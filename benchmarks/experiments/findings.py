@@ -9,6 +9,7 @@ from benchmarks.experiments.ladder import Ladder
 from benchmarks.experiments.numbers import mean
 from benchmarks.experiments.plan import AGGREGATE
 from benchmarks.experiments.settings import PREDICTORS, Outcome
+from benchmarks.experiments.several import Candidate
 
 WORTH_FINDING = 0.03
 """Oracle's gain from which on a pick is asked to reach most of it."""
@@ -19,7 +20,8 @@ AIM = 0.9
 @dataclass(frozen=True)
 class Findings:
     """Hold the grids of table 2, with many noisy runs, with weaker noise, over options that drop frames and of the
-    ablation; joint searches; noise ladders; what is missing; and curves over the number of noisy runs.
+    ablation; joint searches; noise ladders; what is missing; curves over the number of noisy runs; and the candidates
+    of the search over several sequences.
     """
 
     outcomes: Sequence[Outcome]
@@ -31,6 +33,7 @@ class Findings:
     ladders: Sequence[Ladder]
     missing: Sequence[str]
     curves: Sequence[Curve] = ()
+    several: Sequence[Candidate] = ()
 
 
 def share_of_oracle(outcomes: Sequence[Outcome], predictor: str = AGGREGATE) -> tuple[float, int]:

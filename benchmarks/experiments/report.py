@@ -12,6 +12,7 @@ from benchmarks.experiments.findings import AIM, WORTH_FINDING, Findings, share_
 from benchmarks.experiments.numbers import known, part, percent
 from benchmarks.experiments.plan import FRAMES
 from benchmarks.experiments.settings import PREDICTORS, Outcome
+from benchmarks.experiments.several import several_table
 
 
 def write_results(findings: Findings, folder: Path) -> None:
@@ -27,6 +28,7 @@ def write_results(findings: Findings, folder: Path) -> None:
         "k_delta": [asdict(one) for one in findings.curves],
         "traps": [_as_data(one) for one in findings.traps],
         "joint": [asdict(one) for one in findings.joints],
+        "several": [asdict(one) for one in findings.several],
         "ablation": [_as_data(one) for one in findings.ablated],
         "ladders": [asdict(one) for one in findings.ladders],
         "not_measured": list(findings.missing),
@@ -48,6 +50,7 @@ def _parts(findings: Findings, drawn: Sequence[str]) -> list[str]:
         part("Every experiment and predictor", text.PREDICTORS, tables.predictor_table(outcomes)),
         part("Why a pick is not the best", text.SHORTFALL, tables.shortfall_table(outcomes)),
         part("All five options at once", text.JOINT, tables.joint_table(findings.joints, outcomes)),
+        part("One setting for several sequences", text.SEVERAL, several_table(findings.several)),
         part("How many noisy runs", text.K_DELTA + figures["k-delta"], tables.k_delta_table(findings.curves)),
         part("Noise ladder", text.LADDER + figures["noise"], tables.ladder_table(findings.ladders)),
         part("Which options matter", text.ABLATION + figures["options"], tables.ablation_table(findings.ablated)),

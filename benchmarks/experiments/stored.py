@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from benchmarks.experiments.estimators import paired_ratio
+from benchmarks.experiments.joint import Joint
 from benchmarks.experiments.k_delta import Curve
 from benchmarks.experiments.ladder import Ladder, Rung
 from benchmarks.experiments.plan import Experiment
 from benchmarks.experiments.settings import Outcome, Setting
+from benchmarks.experiments.several import Candidate, OnSequence
 from gtf_tune.trajectory import FloatArray
 
 _GROUPS = ("experiments", "weaker_noise", "traps", "ablation", "many")
@@ -34,6 +36,25 @@ def stored_curves(file: Path) -> list[Curve]:
 def stored_ladders(file: Path) -> list[Ladder]:
     """Return the noise ladders that a file holds."""
     return [_ladder(one) for one in _group(file, "ladders")]
+
+
+def stored_joints(file: Path) -> list[Joint]:
+    """Return the joint searches that a file holds."""
+    return [Joint(**one) for one in _group(file, "joint")]
+
+
+def stored_candidates(file: Path) -> list[Candidate]:
+    """Return the candidates of the search over several sequences that a file holds."""
+    return [
+        Candidate(
+            **{
+                **one,
+                "reasons": tuple(one["reasons"]),
+                "by_sequence": tuple(OnSequence(**on) for on in one["by_sequence"]),
+            }
+        )
+        for one in _group(file, "several")
+    ]
 
 
 def _ladder(stored: Mapping[str, Any]) -> Ladder:

@@ -2,6 +2,7 @@
 
 from types import MappingProxyType
 
+from benchmarks.experiments import several
 from benchmarks.experiments.ablation import WITHOUT_SUCCESSOR
 from benchmarks.experiments.findings import WORTH_FINDING
 from benchmarks.experiments.plan import AGGREGATE
@@ -48,6 +49,12 @@ SHORTFALL = (
 JOINT = (
     "One search over the five options of table 2 with gtf-tune's default sampler, beside the five sweeps of one "
     "option. Someone who does not know which option matters pays for all five sweeps."
+)
+SEVERAL = (
+    f"One search over `{several.OPTION.name}` for {', '.join(several.SEARCHED)} together; {several.HELD_OUT} is held "
+    "out: it is run at confirmation only, and can prevent an adoption. Each candidate of the confirmation over the "
+    f"searched sequences together and on each one, with {several.CONFIRMATION} fresh noisy runs; the true ATE is that "
+    "of the sequence's own grid."
 )
 K_DELTA = (
     "R2 between score and true ATE for numbers of noisy runs, averaged over random choices among those there are "
