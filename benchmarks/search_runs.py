@@ -8,7 +8,7 @@ known here from the formula of the pipeline; the search does not see it.
 import importlib.util
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,6 +96,11 @@ METHODS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 }
 
 
+_SEEDS: Mapping[str, int] = {"GP": 3}
+_MOST_RUNS: Mapping[str, int] = {"GP": 400}
+"""GP thinks for seconds before each trial, the longer the more trials there are."""
+
+
 def methods(case: Case) -> list[str]:
     """Return the methods that can search a case on this machine."""
     packages = {"gp": "torch", "cmaes": "cmaes"}
@@ -114,39 +119,63 @@ def arrival(steps: list[Step], goal: float) -> float:
     return steps[first].runs if first < len(steps) else math.inf
 
 
-def measure(case: Case, name: str, seeds: int) -> list[float]:
-    """Return the arrivals of one method for every seed."""
+@dataclass(frozen=True)
+class Searched:
+    """Hold what one method did for every seed: runs until it arrived, and where its pick stood in the end.
+
+    ``ended`` is the true error of the last pick relative to that of the grid's best point.
+    """
+
+    arrivals: Sequence[float]
+    ended: Sequence[float]
+
+
+def measure(case: Case, name: str, seeds: int) -> Searched:
+    """Search a case by one method with every seed."""
     sampler, gtf = METHODS[name]
-    found: list[float] = []
-    for seed in range(seeds):
+    arrivals, ended = [], []
+    for seed in range(min(seeds, _SEEDS.get(name, seeds))):
         definition = define(
             case.space(seed), {"clean_runs": CLEAN_RUNS, **gtf}, {"sampler": sampler, "seed": seed, "trials": 10_000}
         )
-        found.append(arrival(search(definition, case.budget, case.pipeline()), case.best_on_grid(seed)))
-    return found
+        steps = search(definition, min(case.budget, _MOST_RUNS.get(name, case.budget)), case.pipeline())
+        goal = case.best_on_grid(seed)
+        arrivals.append(arrival(steps, goal))
+        ended.append(steps[-1].true_error / goal)
+    return Searched(arrivals, ended)
 
 
 def run(effort: Effort) -> Section:
     seeds = effort.pick(4, 10)
     rows: list[tuple[str, ...]] = []
     shares: dict[tuple[str, str], float] = {}
+    ended: dict[tuple[str, str], float] = {}
     for case in CASES:
-        rows.append((case.name, "full grid", str(case.grid_runs()), "", "1.00"))
+        rows.append((case.name, "full grid", str(case.grid_runs()), "", "1.00", ""))
         for name in methods(case):
             found = measure(case, name, seeds)
-            shares[case.name, name] = median(found) / case.grid_runs()
+            shares[case.name, name] = median(found.arrivals) / case.grid_runs()
+            ended[case.name, name] = median(found.ended)
             rows.append(_row(case, name, found))
     return Section(
         title="Runs until the pick is within 5 % of the full grid's optimum",
         text=(
             f"Analytic pipeline, {seeds} seeds with bounds of their own, median over seeds. Fixed sizing: k = 2, "
             "k_delta = 6; adaptive sizing: k_delta = 3 to 12. A search has arrived when the true error of its pick "
-            "stays within 5 % of that of the grid's best point until the budget ends. GP is measured where torch is "
-            "installed."
+            "stays within 5 % of that of the grid's best point until the budget ends; the last column is where its "
+            f"pick stands then. GP, measured where torch is installed, has {_SEEDS['GP']} seeds and at most "
+            f"{_MOST_RUNS['GP']} runs."
         ),
-        header=("space", "search", "runs, median", "seeds that arrived", "share of the grid's runs"),
+        header=(
+            "space",
+            "search",
+            "runs, median",
+            "seeds that arrived",
+            "share of the grid's runs",
+            "true error in the end",
+        ),
         rows=tuple(rows),
-        aims=tuple(_aim(case, shares) for case in CASES),
+        aims=tuple(_aim(case, shares, ended) for case in CASES),
         conclusion=_conclusion(shares),
     )
 
@@ -177,31 +206,37 @@ def _share(share: float) -> str:
     return f"{share:.2g}" if math.isfinite(share) else "more than was spent"
 
 
-def _row(case: Case, name: str, found: list[float]) -> tuple[str, ...]:
-    middle = median(found)
-    arrived = sum(math.isfinite(one) for one in found)
+def _row(case: Case, name: str, found: Searched) -> tuple[str, ...]:
+    middle = median(found.arrivals)
+    arrived = sum(math.isfinite(one) for one in found.arrivals)
+    over, spent = "", middle
     if not math.isfinite(middle):
-        return (
-            case.name,
-            name,
-            f"over {case.budget}",
-            f"{arrived} of {len(found)}",
-            f"over {case.budget / case.grid_runs():.2g}",
-        )
-    return (case.name, name, f"{middle:.0f}", f"{arrived} of {len(found)}", f"{middle / case.grid_runs():.2g}")
+        over, spent = "over ", min(case.budget, _MOST_RUNS.get(name, case.budget))
+    return (
+        case.name,
+        name,
+        f"{over}{spent:.0f}",
+        f"{arrived} of {len(found.arrivals)}",
+        f"{over}{spent / case.grid_runs():.2g}",
+        f"{100 * (median(found.ended) - 1):+.1f} %",
+    )
 
 
-def _aim(case: Case, shares: Mapping[tuple[str, str], float]) -> Aim:
+def _aim(case: Case, shares: Mapping[tuple[str, str], float], ended: Mapping[tuple[str, str], float]) -> Aim:
     own = ("refine", "refine, adaptive sizing") if len(case.points) == 1 else ("TPE", "TPE, adaptive sizing")
-    name = min(own, key=lambda one: shares[case.name, one])
+    name = min(own, key=lambda one: (shares[case.name, one], ended[case.name, one]))
     share = shares[case.name, name]
     met = share <= AIM_SHARE
     reached = f"{share:.2g} of them" if math.isfinite(share) else f"not within {case.budget} runs in half of the seeds"
+    bound = (
+        f"The median pick is {100 * (ended[case.name, name] - 1):.1f} % above the optimum after {case.budget} runs, "
+        f"where the benchmark ends; a quarter of this grid is {case.grid_runs() * AIM_SHARE:.0f} runs."
+    )
     return Aim(
         wanted=f"{case.name}: within 5 % of the grid's optimum with at most 1/4 of its runs",
         measured=f"{reached} by {name}",
         met=met,
-        bound="" if met else f"A quarter of this grid is {case.grid_runs() * AIM_SHARE:.0f} runs.",
+        bound="" if met else bound,
     )
 
 
