@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import number, permille, say, write_json, write_pairs
+from gtf_tune.cli.console import number, say, write_json, write_pairs
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings
 from gtf_tune.cli.true_errors import Side
 
 if TYPE_CHECKING:
+    from gtf_tune.report.units import ScoreUnit
     from gtf_tune.study.evaluate import Evaluation
 
 
@@ -40,6 +41,7 @@ def evaluate(
     from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.pipelines import create_pipeline
+    from gtf_tune.report.units import sequence_unit
     from gtf_tune.sequence import load_sequence
     from gtf_tune.study.evaluate import Setting, evaluate_setting
 
@@ -58,20 +60,20 @@ def evaluate(
     if json:
         write_json(found.as_dict())
     else:
-        _write(found)
+        _write(found, sequence_unit(gtf))
 
 
-def _write(found: "Evaluation") -> None:
+def _write(found: "Evaluation", unit: "ScoreUnit") -> None:
     score = found.score.score
-    pairs = {"GTF ATE": f"none: {found.score.message}"}
+    pairs = {unit.name: f"none: {found.score.message}"}
     if score is not None and found.score.feasible:
         low, high = score.confidence_interval
-        interval = f"95 % interval {permille(low)} to {permille(high)}"
-        pairs["GTF ATE"] = f"{permille(score.value)} ‰ of the extent ({interval})"
+        interval = f"95 % interval {unit.text(low)} to {unit.text(high)}"
+        pairs[unit.name] = f"{unit.text(score.value)} {unit.symbol} ({interval})"
         pairs["collapsed"] = f"{int(score.collapsed.sum())} of {score.collapsed.size} noisy runs"
     pairs["coverage"] = f"{found.score.coverage:.0%} of the frames (least of all runs)"
     if not math.isnan(found.side_metric):
         side = found.side_definition
-        unit = "degrees" if side.unit == "deg" else "in the unit of the ground truth"
-        pairs[f"true {side.words}"] = f"{number(found.side_metric)} {unit}"
+        words = "degrees" if side.unit == "deg" else "in the unit of the ground truth"
+        pairs[f"true {side.words}"] = f"{number(found.side_metric)} {words}"
     write_pairs(pairs)

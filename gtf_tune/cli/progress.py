@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from gtf_tune.cli.console import duration, percent, permille, say, stderr
+from gtf_tune.cli.console import duration, percent, say, stderr
 
 if TYPE_CHECKING:
     from gtf_tune.pipelines import OptionValue
+    from gtf_tune.report.units import ScoreUnit
     from gtf_tune.store.runs import StoredRun
     from gtf_tune.study.evaluation import RunSlot
     from gtf_tune.study.events import TrialEnd
@@ -22,12 +23,16 @@ if TYPE_CHECKING:
 class StudyProgress:
     """Hear of trials and runs and show how far the study is, what is best so far, and how long it will take.
 
-    ``finished`` trials of ``budget`` were done before. The time left follows from the time per trial so far.
+    ``finished`` trials of ``budget`` were done before. Scores are told in ``unit``. The time left follows from the time
+    per trial so far.
     """
 
-    def __init__(self, budget: int, finished: int, nominal: float | None, best: float | None) -> None:
+    def __init__(
+        self, budget: int, finished: int, unit: "ScoreUnit", nominal: float | None, best: float | None
+    ) -> None:
         self._budget = budget
         self._finished = finished
+        self._unit = unit
         self._nominal = nominal
         self._best = best
         self._lock = threading.Lock()
@@ -49,13 +54,15 @@ class StudyProgress:
     @classmethod
     def of(cls, study: "OpenStudy") -> "StudyProgress":
         """Return the progress of a study as it stands."""
+        from gtf_tune.report.units import definition_unit
         from gtf_tune.store import trials
 
         counts = trials.counts(study.database, study.record.id)
         finished = sum(count for state, count in counts.items() if state != "claimed")
         nominal = trials.get(study.database, study.record.id, 0).value if finished else None
         best = trials.best(study.database, study.record.id)
-        return cls(study.budget, finished, nominal, best.value if best else None)
+        unit = definition_unit(study.definition)
+        return cls(study.budget, finished, unit, nominal, best.value if best else None)
 
     def __enter__(self) -> Self:
         """Start to show."""
@@ -89,7 +96,7 @@ class StudyProgress:
             self._done_here += 1
             self._remember(end)
             left = (time.perf_counter() - self._began) / self._done_here * max(self._budget - self._finished, 0)
-            note = f"best {permille(self._best)} per mille, {duration(left)} left"
+            note = f"best {self._unit.told(self._best)}, {duration(left)} left"
             self._progress.update(self._trials, completed=self._finished, note=note)
             if self._progress.disable:
                 say(f"{self._line(end)}; {self._finished}/{self._budget}, {note}")
@@ -108,7 +115,7 @@ class StudyProgress:
         if end.stopped:
             return f"{name} ({options}): stopped early, {end.stopped}"
         gain = f" ({percent(end.score.value / self._nominal - 1)})" if self._nominal and end.ordinal else ""
-        return f"{name} ({options}): {permille(end.score.value)} per mille{gain}"
+        return f"{name} ({options}): {self._unit.told(end.score.value)}{gain}"
 
 
 def _short(value: "OptionValue") -> str:

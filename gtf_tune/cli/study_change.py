@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.console import number, percent, permille, say, write_json, write_line, write_table
+from gtf_tune.cli.console import percent, say, write_json, write_line, write_table
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
 from gtf_tune.cli.study_create import Range, parse_range
@@ -14,6 +14,7 @@ from gtf_tune.cli.true_errors import Side, TrueErrors
 from gtf_tune.cli.values import parse_pair, parse_pairs
 
 if TYPE_CHECKING:
+    from gtf_tune.report.units import ScoreUnit
     from gtf_tune.store.database import Database
     from gtf_tune.study.rescore import Rescored, RescoredTrial
 
@@ -49,7 +50,10 @@ def rescore(
 
     Example: gtf-tune study rescore photos --aggregate median
     """
+    from gtf_tune.report.units import definition_unit
+    from gtf_tune.store import studies
     from gtf_tune.study.rescore import rescore as rescore_study
+    from gtf_tune.study.stored import stored_definition
 
     database = open_storage(storage)
     given: dict[str, Any] = {"aggregate": aggregate, "metric": metric, "alignment": alignment, "normalise": normalise}
@@ -59,7 +63,8 @@ def rescore(
     if json:
         write_json(_as_json(found, truth))
     else:
-        _write(found, truth)
+        definition = stored_definition(studies.get(database, name))
+        _write(found, truth, definition_unit(definition.model_copy(update={"gtf": found.gtf})))
 
 
 def extend(
@@ -107,28 +112,26 @@ def _true_errors(database: "Database", name: str, side: list[str] | None, places
     return TrueErrors(changed, by_trial)
 
 
-def _write(found: "Rescored", truth: TrueErrors) -> None:
+def _write(found: "Rescored", truth: TrueErrors, unit: "ScoreUnit") -> None:
     gtf = found.gtf
     say(f"score: {gtf.metric}, {gtf.aggregate}, {gtf.alignment}, normalised by {gtf.normalise}; the study is unchanged")
-    relative = gtf.normalise == "extent" and gtf.metric != "rpe_rotation"
     nominal = found.trials[0].score
     rows = []
     for one in sorted(found.trials, key=lambda one: (one.rank or math.inf, one.trial.ordinal)):
-        shown = permille(one.score.value) if relative else number(one.score.value)
         change = percent(one.score.value / nominal.value - 1) if nominal.feasible and one.score.feasible else "-"
         rows.append(
             (
                 str(one.trial.ordinal),
                 str(one.rank or "-"),
                 str(one.rank_before or "-"),
-                shown if one.score.feasible else "infeasible",
+                unit.text(one.score.value) if one.score.feasible else "infeasible",
                 change,
                 f"{_collapsed(one):.0%}",
                 *truth.cells(one.trial.ordinal),
             )
         )
-    unit = " [‰]" if relative else ""
-    write_table([">trial", ">rank", ">before", f">GTF{unit}", ">vs nominal", ">collapsed", *truth.columns], rows)
+    title = f">{unit.name} [{unit.short}]"
+    write_table([">trial", ">rank", ">before", title, ">vs nominal", ">collapsed", *truth.columns], rows)
     if found.best is not None:
         for option, value in (found.best.trial.options or {}).items():
             write_line(f"{option} = {value}")

@@ -19,7 +19,9 @@ def warn_of_lost_frames(database: "Database", study_id: int) -> None:
         return
     for name, found in trials.details(database, [nominal.id])[nominal.id]["sequences"].items():
         clean = found["coverage_nominal"]
-        if clean < _GOOD_COVERAGE:
+        if clean == 0:
+            say(f"warning: on {name} the nominal setting gives no trajectory: {nominal.message}")
+        elif clean < _GOOD_COVERAGE:
             say(
                 f"warning: on {name} the nominal setting registers only {clean:.0%} of the frames; look at 'gtf-tune "
                 "sequence inspect', and give the intrinsics if they are known"

@@ -1,6 +1,5 @@
 """List and show studies, and delete them."""
 
-import math
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -8,7 +7,6 @@ import typer
 from gtf_tune.cli.console import (
     duration,
     percent,
-    permille,
     say,
     write_json,
     write_line,
@@ -38,26 +36,29 @@ def list_studies(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None
 
     Example: gtf-tune study list
     """
+    from gtf_tune.report.units import definition_unit
     from gtf_tune.store import studies
+    from gtf_tune.study.stored import stored_definition
 
     database = open_storage(storage)
     summaries = studies.summaries(database)
     if json:
-        write_json([vars(one) for one in summaries])
+        write_json([{key: value for key, value in vars(one).items() if key != "definition"} for one in summaries])
         return
+    units = [definition_unit(stored_definition(one)) for one in summaries]
     rows = [
         (
             one.name,
             one.state,
             f"{one.complete}/{one.trials}",
-            permille(one.nominal_value),
-            permille(one.best_value),
+            unit.text(one.nominal_value),
+            unit.text(one.best_value),
+            unit.symbol,
             duration(one.wall_s),
         )
-        for one in summaries
+        for one, unit in zip(summaries, units, strict=True)
     ]
-    write_table(["study", "state", ">trials", ">nominal", ">best", ">time"], rows)
-    say("scores in per mille of the extent")
+    write_table(["study", "state", ">trials", ">nominal", ">best", "unit", ">time"], rows)
     if summaries:
         say(f"Next: gtf-tune study show {summaries[-1].name}{storage_flag(database)}")
 
@@ -179,11 +180,11 @@ def _spared(definition: "StudyDefinition", efforts: list["Effort"]) -> str:
 
 
 def _write_trials(chosen: list["Trial"], truth: TrueErrors, unit: "ScoreUnit", names: list[str]) -> None:
-    columns = [">trial", f">{unit.name} [{_symbol(unit)}]", ">± se", *truth.columns, ">coverage"]
+    columns = [">trial", f">{unit.name} [{unit.short}]", ">± se", *truth.columns, ">coverage"]
     columns += [f">{name}" for name in _short_names(names)] if len(names) <= _OPTION_COLUMNS else ["options"]
     rows = []
     for trial in chosen:
-        row = [_ordinal(trial), _score(trial, unit), _shown(trial.standard_error, unit)]
+        row = [_ordinal(trial), _score(trial, unit), unit.text(trial.standard_error)]
         row += truth.cells(trial.ordinal)
         row.append(_share(trial.coverage))
         values = [_value((trial.options or {}).get(name)) for name in names]
@@ -205,22 +206,12 @@ def _ordinal(trial: "Trial") -> str:
     return "nominal" if trial.ordinal == 0 else str(trial.ordinal)
 
 
-def _shown(value: float | None, unit: "ScoreUnit") -> str:
-    """Format a stored score in the shown unit, with three significant digits."""
-    shown = unit.shown(value)
-    return f"{shown:.3g}" if math.isfinite(shown) else "-"
-
-
-def _symbol(unit: "ScoreUnit") -> str:
-    return unit.symbol.removesuffix(" of extent")
-
-
 def _score(trial: "Trial", unit: "ScoreUnit") -> str:
     if trial.value is None:
         return trial.state
     if not trial.feasible:
         return "infeasible"
-    return _shown(trial.value, unit) + ("*" if trial.state == "pruned" else "")
+    return unit.text(trial.value) + ("*" if trial.state == "pruned" else "")
 
 
 def _value(value: object) -> str:
@@ -231,14 +222,14 @@ def _write_pick(found: "Pick", recommended: "Recommendation", definition: "Study
     from gtf_tune.report.units import definition_unit
 
     unit = definition_unit(definition)
-    symbol = _symbol(unit)
+    symbol = unit.short
     pairs = {}
     if found.nominal is not None:
         pairs["nominal"] = (
-            f"{unit.name} {_shown(found.nominal.value, unit)} {symbol}{' of the extent' if symbol == '‰' else ''}"
+            f"{unit.name} {unit.text(found.nominal.value)} {symbol}{' of the extent' if symbol == '‰' else ''}"
         )
     if found.best is not None:
-        pairs["best"] = f"{unit.name} {_shown(found.best.value, unit)} {symbol} (trial {found.best.ordinal})"
+        pairs["best"] = f"{unit.name} {unit.text(found.best.value)} {symbol} (trial {found.best.ordinal})"
     gain = found.improvement
     if found.is_nominal:
         pairs["improvement"] = "none: nothing beats the nominal setting"

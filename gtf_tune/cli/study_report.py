@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import duration, percent, permille, say
+from gtf_tune.cli.console import duration, percent, say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
 
 if TYPE_CHECKING:
     from gtf_tune.report.definition import ReportDefinition
+    from gtf_tune.report.units import ScoreUnit
     from gtf_tune.store.database import Database
     from gtf_tune.store.trials import Trial
 
@@ -64,10 +65,13 @@ def watch(
 
     Example: gtf-tune study watch photos
     """
+    from gtf_tune.report.units import definition_unit
     from gtf_tune.store import studies, trials
+    from gtf_tune.study.stored import stored_definition
 
     database = open_storage(storage)
     shown: set[int] = set()
+    unit = definition_unit(stored_definition(studies.get(database, name)))
     while True:
         study = studies.get(database, name)
         known = trials.of_study(database, study.id)
@@ -75,7 +79,7 @@ def watch(
         for trial in known:
             if trial.state != "claimed" and trial.ordinal not in shown:
                 shown.add(trial.ordinal)
-                typer.echo(_line(trial, nominal))
+                typer.echo(_line(trial, nominal, unit))
         if study.state == "done":
             say(f"study '{name}' is done")
             say(f"Next: gtf-tune study best {name}{storage_flag(database)}")
@@ -105,10 +109,10 @@ def _panels(path: Path | None) -> "ReportDefinition":
     return default_report_definition() if path is None else load_report_definition(path)
 
 
-def _line(trial: "Trial", nominal: float | None) -> str:
+def _line(trial: "Trial", nominal: float | None, unit: "ScoreUnit") -> str:
     name = "nominal" if trial.ordinal == 0 else f"trial {trial.ordinal}"
     if trial.value is None or not trial.feasible:
         return f"{name}: infeasible, {trial.message}"
     gain = f" ({percent(trial.value / nominal - 1)})" if nominal and trial.ordinal else ""
     early = ", stopped early" if trial.state == "pruned" else ""
-    return f"{name}: {permille(trial.value)} per mille{gain}, {duration(trial.wall_s)} on {trial.host}{early}"
+    return f"{name}: {unit.told(trial.value)}{gain}, {duration(trial.wall_s)} on {trial.host}{early}"

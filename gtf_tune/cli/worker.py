@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import permille, say
+from gtf_tune.cli.console import say
 from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage
 from gtf_tune.cli.storage_access import hush_optuna, wait_for_storage
@@ -80,7 +80,10 @@ class _Lines:
     """Print one line for each trial, since a worker's output is read in log files."""
 
     def __init__(self, study: "OpenStudy") -> None:
+        from gtf_tune.report.units import definition_unit
+
         self._name = study.definition.name
+        self._unit = definition_unit(study.definition)
 
     def trial_started(self, ordinal: int, options: Mapping[str, "OptionValue"], planned_runs: int) -> None:
         """Say which trial begins."""
@@ -94,5 +97,5 @@ class _Lines:
 
     def trial_finished(self, end: "TrialEnd") -> None:
         """Say how a trial ended."""
-        found = f"{permille(end.score.value)} per mille" if end.score.feasible else f"infeasible, {end.score.message}"
+        found = self._unit.told(end.score.value) if end.score.feasible else f"infeasible, {end.score.message}"
         say(f"{self._name}: trial {end.ordinal} is done: {found}")

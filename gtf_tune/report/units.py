@@ -1,5 +1,6 @@
 """Say in which unit scores are shown."""
 
+import math
 from dataclasses import dataclass
 
 from gtf_tune.definition import GtfDefinition, StudyDefinition
@@ -22,6 +23,21 @@ class ScoreUnit:
     def label(self) -> str:
         """Return the title of an axis."""
         return f"{self.name} [{self.symbol}]"
+
+    @property
+    def short(self) -> str:
+        """Return the shown unit for the narrow columns of a terminal."""
+        return self.symbol.removesuffix(" of extent")
+
+    def text(self, stored: float | None) -> str:
+        """Format a stored value in the shown unit, with three significant digits; a dash where there is none."""
+        shown = self.shown(stored)
+        return f"{shown:.3g}" if math.isfinite(shown) else "-"
+
+    def told(self, stored: float | None) -> str:
+        """Format a stored value with its unit, in plain letters for the lines of a log; a dash where there is none."""
+        text = self.text(stored)
+        return text if text == "-" else f"{text} {'per mille' if self.factor == _PER_MILLE else self.symbol}"
 
     def shown(self, stored: float | None) -> float:
         """Return a stored value in the shown unit; NaN where there is none."""

@@ -85,6 +85,7 @@ class StudySummary:
     nominal_value: float | None
     wall_s: float
     last_finished_at: float | None
+    definition: str
 
 
 def add(database: Database, new: NewStudy) -> Study:
@@ -186,6 +187,7 @@ def summaries(database: Database) -> list[StudySummary]:
             func.min(case((complete & (trial.ordinal == 0), trial.value))),
             func.coalesce(func.sum(trial.wall_s), 0.0),
             func.max(trial.finished_at),
+            study.definition,
         )
         .outerjoin(trial, trial.study_id == study.id)
         .group_by(study.id)

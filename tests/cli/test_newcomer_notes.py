@@ -27,6 +27,16 @@ def test_frames_that_nominal_loses_are_warned_of(cli: Cli, room: Path) -> None:
     assert "warning: on room the nominal setting registers only" in cli("study", "show", "small").err
 
 
+def test_a_nominal_setting_that_fails_is_warned_of_with_the_reason(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "--setting", "failure=abort")
+    cli("study", "run", "small", "-j", "1")
+
+    said = cli("study", "show", "small").err
+
+    assert "warning: on room the nominal setting gives no trajectory: " in said
+    assert "registers only" not in said
+
+
 def test_frames_that_noise_costs_are_told_apart_from_those_missing_anyway(cli: Cli, room: Path, tmp_path: Path) -> None:
     cli(*CREATE, *AXIS)
     cli("study", "run", "small", "-j", "1")

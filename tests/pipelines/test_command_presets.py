@@ -11,7 +11,9 @@ from typing import Any
 
 import pytest
 
+from gtf_tune.pipelines import create_pipeline
 from gtf_tune.pipelines.analytic import imaginary_sequence
+from gtf_tune.pipelines.colmap_flags import flag_of
 from gtf_tune.pipelines.command import create, load_preset, preset_names
 from gtf_tune.sequence import Camera, Sequence
 from gtf_tune.testing import ContractCase, FolderStages
@@ -20,6 +22,8 @@ from gtf_tune.testing import ContractCase, FolderStages
 # below the folder that VSLAM-LAB calls exp_folder.
 STAND_IN = """#!{python} -S
 import json, os, sys
+if sys.argv[1:] == ["-h"]:  # COLMAP's presets ask for the version.
+    sys.exit(print("COLMAP 9.9 (Commit x)"))
 with open({log!r}, "a") as log:
     log.write(json.dumps(sys.argv[1:]) + "\\n")
 words = " ".join(sys.argv)
@@ -178,13 +182,14 @@ mapper --database_path S/database.db --output_path W/sparse --output_format txt 
         {"calibration.txt": "50.0 51.0 32.0 24.0\n"},
     ),
     "dso": Expected(
-        {"executable": "T/program"},
-        "files=W/images calib=W/camera.txt preset=2 mode=1 nogui=1 nolog=1 nomt=1",
+        {"executable": "T/program", "size": "32 24"},
+        "files=W/images calib=W/camera.txt calib=W/resized.txt preset=2 mode=1 nogui=1 nolog=1 nomt=1",
         {"result.txt": "0.04 1 0 0 0 0 0 1\n"},
         {"preset": "2"},
         {},
         {
             "camera.txt": "RadTan 50.0 51.0 32.0 24.0 0.0 0.0 0.0 0.0\n64 48\ncrop\n64 48\n",
+            "resized.txt": "RadTan 50.0 51.0 32.0 24.0 0.0 0.0 0.0 0.0\n64 48\ncrop\n32 24\n",
             "times.txt": "0 0.000000000 0\n1 0.040000000 0\n2 0.080000000 0\n",
         },
     ),
@@ -244,9 +249,7 @@ def prepare(expected: Expected, folder: Path) -> dict[str, Any]:
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(text)
     log, leaves = str(folder / "log"), json.dumps(expected.leaves)
-    text = STAND_IN.format(python=sys.executable, log=log, files=leaves)
-    # COLMAP's preset asks for the version.
-    (folder / "program").write_text(text + "if sys.argv[1:] == ['-h']: print('COLMAP 9.9 (Commit x)')\n")
+    (folder / "program").write_text(STAND_IN.format(python=sys.executable, log=log, files=leaves))
     (folder / "program").chmod(0o755)
     return dict(in_folder(dict(expected.settings), folder))
 
@@ -307,3 +310,25 @@ def test_mast3r_slam_sees_every_image_that_the_sequence_has(frames: Sequence, tm
 
     written = (tmp_path / "run" / "workspace" / "work" / "configuration.yaml").read_text()
     assert "  subsample: 1\n" in written
+
+
+def test_dso_works_at_the_size_of_the_images_where_no_other_is_given(frames: Sequence, tmp_path: Path) -> None:
+    pipeline = create({"preset": "dso", **prepare(EXPECTED["dso"], tmp_path), "size": ""})
+
+    ContractCase(pipeline, frames).run(tmp_path / "run", FolderStages(tmp_path / "stages"), {})
+
+    called = json.loads((tmp_path / "log").read_text().splitlines()[-1])
+    assert [word.rsplit("/", 1)[-1] for word in called if word.startswith("calib=")] == ["camera.txt"]
+    assert not (tmp_path / "run" / "workspace" / "work" / "resized.txt").exists()
+
+
+def test_the_preset_of_colmap_4_has_pycolmaps_defaults_but_for_two_that_early_versions_refuse() -> None:
+    # COLMAP 4.2 says -1 for these, which 4.0 and 4.1 do not accept; all of them run so many iterations with Ceres.
+    iterations = {"Mapper.ba_local_max_num_iterations": 25, "Mapper.ba_global_max_num_iterations": 50}
+    specs = create_pipeline("colmap", {}).options.specs
+    pycolmaps = {flag_of("colmap", name): spec.default for name, spec in specs.items()}
+
+    defaults = {name: option["default"] for name, option in load_preset("colmap-4")["options"].items()}
+
+    assert len(defaults) > 80
+    assert defaults == {name: pycolmaps[name] for name in defaults} | iterations

@@ -6,7 +6,10 @@ from pathlib import Path
 import pytest
 
 from gtf_tune.definition import StudyDefinition, definition_from_dict, load_definition
+from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import OptionTable
+from gtf_tune.pipelines.command import load_preset
+from gtf_tune.pipelines.command.faults import read_command
 from gtf_tune.pipelines.droid_slam.options import OPTIONS
 from gtf_tune.store import studies
 from gtf_tune.store.database import create_database
@@ -19,6 +22,8 @@ ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "studies"
 FILES = sorted(FOLDER.rglob("*.toml"))
 DROID = "droid-slam"
+COMMAND = "command"
+ABLATION = sorted((FOLDER / "paper" / "ablation").glob("*.toml"))
 
 
 @pytest.fixture(params=FILES, ids=lambda path: str(path.relative_to(FOLDER)))
@@ -32,7 +37,13 @@ def test_there_are_studies() -> None:
 
 def options_of(definition: StudyDefinition) -> OptionTable:
     """Return the options of a definition's pipeline, whether or not its program is installed here."""
-    return OptionTable(DROID, OPTIONS) if definition.pipeline.name == DROID else make_pipeline(definition).options
+    if definition.pipeline.name == DROID:
+        return OptionTable(DROID, OPTIONS)
+    if definition.pipeline.name == COMMAND:
+        preset, faults = read_command(load_preset(str(definition.pipeline.settings["preset"])))
+        assert faults == []
+        return OptionTable(COMMAND, preset.option_specs())
+    return make_pipeline(definition).options
 
 
 def test_options_and_axes_suit_the_pipeline(path: Path) -> None:
@@ -43,8 +54,8 @@ def test_options_and_axes_suit_the_pipeline(path: Path) -> None:
 
 
 def test_every_fault_would_be_named(path: Path) -> None:
-    if load_definition(path).pipeline.name == DROID:
-        pytest.skip("DROID-SLAM's pipeline needs a checkout of it")
+    if load_definition(path).pipeline.name in (DROID, COMMAND):
+        pytest.skip("this pipeline needs a program that is not part of gtf-tune")
 
     assert checked_definition(tomllib.loads(path.read_text()), path.name) == load_definition(path)
 
@@ -68,8 +79,8 @@ def test_names_differ_and_follow_the_folder(path: Path) -> None:
 @pytest.mark.parametrize("folder", sorted({path.parent for path in FILES}), ids=lambda path: path.name)
 def test_a_study_can_be_created_and_opened(folder: Path, tmp_path: Path) -> None:
     data = load_definition(min(folder.glob("*.toml"))).model_dump(mode="json")
-    if data["pipeline"]["name"] == DROID:
-        pytest.skip("DROID-SLAM's pipeline needs a checkout of it")
+    if data["pipeline"]["name"] in (DROID, COMMAND):
+        pytest.skip("this pipeline needs a program that is not part of gtf-tune")
     for sequence in data["sequences"]:
         write_sequence(tmp_path / sequence["name"], ground_truth=False)
         sequence.update(
@@ -87,3 +98,27 @@ def test_the_readme_names_every_folder_of_studies() -> None:
     readme = (FOLDER / "README.md").read_text()
 
     assert [path.name for path in FOLDER.iterdir() if path.is_dir() and f"`{path.name}/`" not in readme] == []
+
+
+def test_each_of_the_papers_26_ablated_options_has_a_file_and_a_line_in_the_readme() -> None:
+    readme = (FOLDER / "paper" / "README.md").read_text()
+
+    assert [path.name[:3] for path in ABLATION] == [f"{number:02d}-" for number in range(1, 27)]
+    for number, path in enumerate(ABLATION, start=1):
+        (option,) = load_definition(path).space
+        heading = path.read_text().splitlines()[0]
+        assert heading.startswith(f"# GLOMAP ablation of the paper, {number} of 26: ")
+        row = next(line for line in readme.splitlines() if line.startswith(f"| {number} | "))
+        assert f"| {heading.split(chr(34))[1]} |" in row
+        assert f"`{option}` | `{path.name}` |" in row
+
+
+@pytest.mark.parametrize("path", ABLATION[4:7], ids=lambda path: path.stem)
+def test_an_option_that_colmap_lost_is_told_so_and_needs_the_papers_program(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", "/nowhere")
+
+    assert "COLMAP 4 has no such option" in path.read_text()
+    with pytest.raises(DefinitionError, match="there is no program 'glomap' that can be run; install it"):
+        checked_definition(tomllib.loads(path.read_text()), path.name)

@@ -1,0 +1,86 @@
+"""Scores are shown in the unit that the definition gives them, wherever they are shown."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Cli
+from tests.study.conftest import write_sequence
+
+ROTATION = 'metric = "rpe_rotation"'
+RAW = 'normalise = "none"'
+
+
+def create(cli: Cli, name: str, gtf: str = "", *sequences: str) -> None:
+    tables = "".join(f'[[sequences]]\nname = "{one}"\npath = "{one}"\n' for one in ("room", *sequences))
+    Path(f"{name}.toml").write_text(
+        f'name = "{name}"\n[pipeline]\nname = "analytic"\n{tables}'
+        '[space]\n"filter.max_error" = { low = 1e-3, high = 1e-1, log = true }\n'
+        f'[gtf]\nclean_runs = 1\nnoisy_runs = 3\n{gtf}\n[search]\nsampler = "random"\ntrials = 2\n'
+    )
+    made = cli("study", "create", f"{name}.toml")
+    assert made.code == 0, made.err
+
+
+@pytest.fixture
+def studies_of_all_units(cli: Cli, room: Path) -> None:
+    write_sequence(Path("hall"), ground_truth=False)
+    create(cli, "extent")
+    create(cli, "raw", RAW)
+    create(cli, "rotation", ROTATION)
+    create(cli, "two", "", "hall")
+
+
+UNITS = {
+    "extent": r"[\d.]+ per mille",
+    "raw": r"[\d.]+ unit of the trajectory",
+    "rotation": r"[\d.e-]+ deg",
+    "two": r"1 relative to nominal",
+}
+
+
+@pytest.mark.usefixtures("studies_of_all_units")
+def test_progress_and_followed_trials_tell_the_unit_of_each_score(cli: Cli) -> None:
+    for name, unit in UNITS.items():
+        progress = cli("study", "run", name, "--jobs", "1").err
+        followed = cli("study", "watch", name).out
+
+        assert re.search(rf"nominal \(.*\): {unit}; 1/2, best {unit}, ", progress), progress
+        assert re.search(rf"nominal: {unit}, ", followed), followed
+        assert ("per mille" in progress + followed) is (name == "extent")
+
+
+@pytest.mark.usefixtures("studies_of_all_units")
+def test_a_workers_log_and_the_list_of_studies_tell_the_unit_of_each_score(cli: Cli) -> None:
+    log = cli("worker", "--once", "--jobs", "1").err
+    listed = {line.split()[0]: line for line in cli("study", "list").out.splitlines()}
+
+    for name, unit in UNITS.items():
+        assert re.search(rf"{name}: trial 0 is done: {unit}\n", log), log
+    assert re.search(r"done +2/2 +[\d.]+ +[\d.]+ +‰ of extent ", listed["extent"])
+    assert re.search(r"done +2/2 +[\d.]+ +[\d.]+ +unit of the trajectory ", listed["raw"])
+    assert re.search(r"done +2/2 +[\d.e-]+ +[\d.e-]+ +deg ", listed["rotation"])
+    assert re.search(r"done +2/2 +1 +[\d.]+ +relative to nominal ", listed["two"])
+    assert max(map(len, listed.values())) <= 80
+
+
+def test_a_score_tried_otherwise_has_the_unit_of_what_is_tried(cli: Cli, room: Path) -> None:
+    create(cli, "extent")
+    cli("study", "run", "extent", "--jobs", "1")
+
+    as_stored = cli("study", "rescore", "extent").out
+    as_rotation = cli("study", "rescore", "extent", "--metric", "rpe_rotation").out
+
+    assert "GTF ATE [‰]" in as_stored
+    assert "GTF RPE (rotation) [deg]" in as_rotation
+    assert "‰" not in as_rotation
+
+
+def test_evaluate_tells_the_unit_of_score_and_true_error(cli: Cli, room: Path) -> None:
+    arguments = ("evaluate", "room", "-p", "analytic", "-k", "1", "-K", "3", "-j", "1")
+
+    said = cli(*arguments, "--side", "metric=rpe_rotation").out
+
+    assert re.search(r"GTF ATE +[\d.]+ ‰ of extent \(95 % interval [\d.]+ to [\d.]+\)", said), said
+    assert re.search(r"true rotation RPE.* [\d.e-]+ degrees", said), said
