@@ -4,25 +4,29 @@ import json
 import math
 import sys
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.table import Table
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
-def stdout() -> Console:
+def stdout() -> "Console":
     """Return the console for results; plain text where stdout is not a terminal."""
+    from rich.console import Console
+
     return Console(file=sys.stdout, soft_wrap=False, highlight=False)
 
 
-def stderr() -> Console:
+def stderr() -> "Console":
     """Return the console for progress, notes and errors."""
+    from rich.console import Console
+
     return Console(file=sys.stderr, soft_wrap=True, highlight=False)
 
 
 def say(text: str) -> None:
     """Print a note for people on stderr."""
-    stderr().print(text, markup=False)
+    sys.stderr.write(text + "\n")
 
 
 def write_line(text: str) -> None:
@@ -37,6 +41,8 @@ def write_json(value: Any) -> None:
 
 def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:
     """Print a table on stdout; columns whose name starts with '>' are aligned to the right."""
+    from rich.table import Table
+
     table = Table(title=title or None, title_justify="left", box=None, pad_edge=False, header_style="bold")
     for column in columns:
         right = column.startswith(">")
@@ -49,6 +55,8 @@ def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
 
 def write_pairs(pairs: Mapping[str, str]) -> None:
     """Print names and values in two columns on stdout."""
+    from rich.table import Table
+
     table = Table(box=None, pad_edge=False, show_header=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")

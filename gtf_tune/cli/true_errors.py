@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -28,7 +29,7 @@ class TrueErrors:
     side: "SideMetricDefinition"
     by_trial: Mapping[int, Mapping[str, float | None]]
 
-    @property
+    @cached_property
     def sequences(self) -> list[str]:
         """Return the names of the sequences that have ground truth."""
         return list(dict.fromkeys(name for found in self.by_trial.values() for name in found))

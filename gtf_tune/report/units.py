@@ -2,9 +2,12 @@
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from gtf_tune.definition import GtfDefinition, StudyDefinition
-from gtf_tune.report.study_data import StudyData
+
+if TYPE_CHECKING:
+    from gtf_tune.report.study_data import StudyData
 
 _NAMES = {"ate": "GTF ATE", "rpe_translation": "GTF RPE", "rpe_rotation": "GTF RPE (rotation)"}
 _PER_MILLE = 1000.0
@@ -54,7 +57,7 @@ def sequence_unit(gtf: GtfDefinition) -> ScoreUnit:
     return ScoreUnit(name, _PER_MILLE, "‰ of extent", "per mille of the trajectory's extent")
 
 
-def study_unit(data: StudyData) -> ScoreUnit:
+def study_unit(data: "StudyData") -> ScoreUnit:
     """Return the unit of the values of a study: that of its sequence, or the ratio to nominal for several."""
     return definition_unit(data.definition)
 

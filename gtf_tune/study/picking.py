@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from gtf_tune.store import trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trials import Trial
-
-_CONFIDENCE = 0.95
+from gtf_tune.study.student import upper_95
 
 
 @dataclass(frozen=True)
@@ -60,15 +59,13 @@ def improvement(nominal: Sequence[float], best: Sequence[float]) -> Improvement:
     count = min(len(nominal), len(best))
     if count == 0:
         return Improvement(math.nan, math.nan, math.nan, 0)
-    import numpy as np  # here, like scipy below: most readers of studies need neither
+    import numpy as np  # here: most readers of studies do not need it
 
     logs = np.log(np.asarray(best[:count], dtype=np.float64) / np.asarray(nominal[:count], dtype=np.float64))
     centre = float(logs.mean())
     if count == 1:
         return Improvement(1 - math.exp(centre), math.nan, math.nan, 1)
-    from scipy.special import stdtrit
-
-    half = float(stdtrit(count - 1, (1 + _CONFIDENCE) / 2) * logs.std(ddof=1) / math.sqrt(count))
+    half = float(upper_95(count - 1) * logs.std(ddof=1) / math.sqrt(count))
     return Improvement(1 - math.exp(centre), 1 - math.exp(centre + half), 1 - math.exp(centre - half), count)
 
 
