@@ -56,10 +56,12 @@ def list_studies(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None
         )
         for one in summaries
     ]
-    write_table(["study", "state", ">trials", ">nominal", ">best", ">time"], rows)
+    if not rows:
+        say("no study yet; make one with: gtf-tune study create --help")
+        return
+    write_table(["study", "state", ">done/begun", ">nominal", ">best", ">time"], rows)
     say("scores in per mille of the extent")
-    if summaries:
-        say(f"Next: gtf-tune study show {summaries[-1].name}{storage_flag(database)}")
+    say(f"Next: gtf-tune study show {summaries[-1].name}{storage_flag(database)}")
 
 
 def show(name: StudyName, all_: All = False, json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
