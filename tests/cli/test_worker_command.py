@@ -41,6 +41,21 @@ def test_a_paused_study_is_not_run_until_it_is_resumed(cli: Cli, room: Path) -> 
     assert "2/2" in resumed.err
 
 
+def test_a_worker_says_why_a_named_study_is_not_served(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "-n", "2")
+    cli("study", "stop", "small")
+
+    stopped = cli("worker", "--once", "--study", "small")
+    missing = cli("worker", "--once", "--study", "smal")
+    awaited = cli("worker", "--idle-exit", "0.01", "--study", "later")
+
+    assert "study 'small' is stopped; open it with: gtf-tune study resume small" in stopped.err
+    assert (missing.code, awaited.code) == (1, 0)
+    assert "there is no study 'smal'" in missing.err
+    assert "did you mean 'small'" in missing.err
+    assert "there is no study 'later' yet; waiting for it" in awaited.err
+
+
 def test_a_place_for_a_sequence_that_the_study_has_not_is_refused(cli: Cli, room: Path) -> None:
     cli(*CREATE, *AXIS, "-n", "2")
 
