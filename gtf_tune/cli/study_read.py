@@ -58,9 +58,11 @@ def list_studies(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None
         )
         for one, unit in zip(summaries, units, strict=True)
     ]
-    write_table(["study", "state", ">trials", ">nominal", ">best", "unit", ">time"], rows)
-    if summaries:
-        say(f"Next: gtf-tune study show {summaries[-1].name}{storage_flag(database)}")
+    if not rows:
+        say("no study yet; make one with: gtf-tune study create --help")
+        return
+    write_table(["study", "state", ">done/begun", ">nominal", ">best", "unit", ">time"], rows)
+    say(f"Next: gtf-tune study show {summaries[-1].name}{storage_flag(database)}")
 
 
 def show(name: StudyName, all_: All = False, json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:

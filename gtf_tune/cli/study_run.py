@@ -48,11 +48,12 @@ def run(
 
     Example: gtf-tune study run photos --jobs 4
     """
+    from gtf_tune.store import studies
     from gtf_tune.study.states import check_open
 
     database = open_storage(storage)
+    check_open(studies.get(database, name))
     study = open_for_work(database, name, sequence, allow_version_mismatch)
-    check_open(study.record)
     work_on(study, make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache), trial_parallel)
     _suggest_next(name, database)
 

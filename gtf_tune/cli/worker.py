@@ -10,15 +10,17 @@ import typer
 from gtf_tune.cli.console import say
 from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage
-from gtf_tune.cli.storage_access import hush_optuna, wait_for_storage
+from gtf_tune.cli.storage_access import hush_optuna, storage_flag, wait_for_storage
 from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE, Places, TrialParallel, VersionMismatch, place_folders
 
 if TYPE_CHECKING:
     from gtf_tune.pipelines import OptionValue
+    from gtf_tune.store.database import Database
     from gtf_tune.store.runs import StoredRun
     from gtf_tune.study.evaluation import RunSlot
     from gtf_tune.study.events import TrialEnd
     from gtf_tune.study.opened import OpenStudy
+    from gtf_tune.study.serving import ServingRules
 
 Names = Annotated[list[str] | None, typer.Option("--study", metavar="NAME", help="Serve this study only; repeatable.")]
 DataRoot = Annotated[
@@ -69,11 +71,27 @@ def worker(
         signals_to(stop, say),
         make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache) as runs_on,
     ):
-        StudyServer(wait_for_storage(storage), runs_on, rules, stop, say, _Lines).serve()
+        database = wait_for_storage(storage)
+        _announce_closed(database, rules)
+        StudyServer(database, runs_on, rules, stop, say, _Lines).serve()
     if stop.level:
         say("stopped; finished runs are kept")
         raise typer.Exit(INTERRUPTED_EXIT_CODE)
     say("nothing is left to do")
+
+
+def _announce_closed(database: "Database", rules: "ServingRules") -> None:
+    """Say which of the named studies are not open; raise `StorageError` for one that is not there to be waited for."""
+    from gtf_tune.store import studies
+
+    known = studies.names(database)
+    for name in rules.names:
+        if name not in known and rules.idle_exit_s:
+            say(f"there is no study '{name}' yet; waiting for it")
+            continue
+        state = studies.get(database, name).state
+        if state != "open":
+            say(f"study '{name}' is {state}; open it with: gtf-tune study resume {name}{storage_flag(database)}")
 
 
 class _Lines:

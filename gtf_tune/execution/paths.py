@@ -13,6 +13,7 @@ import platformdirs
 from gtf_tune.errors import StorageError
 
 _LOG_TAIL_BYTES = 8192
+_OWNER_LOCK = "owner.lock"
 
 
 @dataclass(frozen=True)
@@ -60,10 +61,13 @@ class Scratch:
     def __init__(self, root: Path) -> None:
         try:
             root.mkdir(parents=True, exist_ok=True)
-            _remove_abandoned(root)
-            self.folder = Path(tempfile.mkdtemp(prefix="runs-", dir=root))
-            self._lock: IO[bytes] = (self.folder / "owner.lock").open("wb")
-            fcntl.flock(self._lock, fcntl.LOCK_EX)
+            with (root / "turn.lock").open("ab") as turn:
+                # Between a folder and its lock, another owner would take it for abandoned (1 of 100 of eight at once).
+                fcntl.flock(turn, fcntl.LOCK_EX)
+                _remove_abandoned(root)
+                self.folder = Path(tempfile.mkdtemp(prefix="runs-", dir=root))
+                self._lock: IO[bytes] = (self.folder / _OWNER_LOCK).open("wb")
+                fcntl.flock(self._lock, fcntl.LOCK_EX)
         except OSError as error:
             raise StorageError(
                 f"cannot write below {root} ({error.strerror}); choose another place with --cache-dir"
@@ -86,10 +90,10 @@ def default_cache_folder() -> Path:
 
 
 def _remove_abandoned(root: Path) -> None:
-    for lock_path in root.glob("runs-*/owner.lock"):
+    for folder in root.glob("runs-*"):
         try:
-            with lock_path.open("rb") as lock:
+            with (folder / _OWNER_LOCK).open("ab") as lock:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(lock_path.parent, ignore_errors=True)
+                shutil.rmtree(folder, ignore_errors=True)
         except OSError:
             continue

@@ -1,11 +1,10 @@
 """Read what a report shows from the database."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from gtf_tune.definition import StudyDefinition, definition_from_dict
+from gtf_tune.definition import StudyDefinition
 from gtf_tune.store import confirmations, runs, studies, trials, validations
 from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.database import Database
@@ -13,6 +12,7 @@ from gtf_tune.store.runs import StoredRun, TrialRun
 from gtf_tune.store.studies import Study, StudySequence
 from gtf_tune.store.trials import Trial
 from gtf_tune.store.validations import Validation
+from gtf_tune.study.stored import stored_definition
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ def read_study(database: Database, name: str) -> StudyData:
 
 
 def _with_trials(database: Database, study: Study, found: Sequence[Trial]) -> StudyData:
-    definition = definition_from_dict(json.loads(study.definition), f"study '{study.name}'")
+    definition = stored_definition(study)
     known = studies.sequences(database, study.id)
     searched = {one.name for one in definition.searched_sequences}
     by_id = trials.details(database, [one.id for one in found])

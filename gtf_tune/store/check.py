@@ -7,6 +7,7 @@ from sqlalchemy import Select, func, select, text
 
 from gtf_tune.errors import StorageError
 from gtf_tune.store import models, studies, trials
+from gtf_tune.store.check_contents import check_tables, unreadable
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna_tables import optuna_storage
 from gtf_tune.store.rows import chunks
@@ -42,9 +43,11 @@ def check(database: Database) -> CheckReport:
     Raises
     ------
     StorageError
-        It cannot be read at all.
+        It cannot be read at all, or lacks tables.
     """
-    problems = [*_damage(database), *_orphans(database), *_missing_outputs(database)]
+    check_tables(database)
+    garbled = unreadable(database)
+    problems = [*_damage(database), *_orphans(database), *_missing_outputs(database), *garbled]
     problems += [*_studies_without_optuna(database), *_missing_trials(database), *_bad_trajectories(database)]
     return CheckReport(
         revision=current_revision(database.reader),
@@ -53,7 +56,7 @@ def check(database: Database) -> CheckReport:
         trials=_count(database, select(func.count(models.Trial.id))),
         runs=_count(database, select(func.count(models.Run.id))),
         problems=tuple(problems),
-        notes=tuple(_notes(database)),
+        notes=() if garbled else tuple(_notes(database)),
     )
 
 
@@ -89,10 +92,16 @@ def _studies_without_optuna(database: Database) -> Iterator[str]:
         if optuna_id not in known:
             yield f"study '{name}' has lost its Optuna study; restore a backup, or delete the study"
             continue
-        asked = {trial._trial_id for trial in storage.get_all_trials(optuna_id, deepcopy=False)}
-        for trial in trials.of_study(database, study_id):
-            if trial.state in ("complete", "pruned") and trial.optuna_trial_id not in asked:
-                yield f"trial {trial.ordinal} of study '{name}' has no Optuna trial; restore a backup"
+        told = {trial._trial_id: trial for trial in storage.get_all_trials(optuna_id, deepcopy=False)}
+        ours = models.Trial
+        scored = select(ours.ordinal, ours.optuna_trial_id, ours.value).where(ours.study_id == study_id)
+        ended = ours.state.in_(("complete", "pruned"))
+        for ordinal, trial_id, value in read_rows(database, scored.where(ended).order_by(ours.ordinal)):
+            trial = told.get(trial_id)
+            if trial is None:
+                yield f"trial {ordinal} of study '{name}' has no Optuna trial; restore a backup"
+            elif trial.state.is_finished() and trial.values != [value]:
+                yield f"trial {ordinal} of study '{name}' has another score in Optuna's tables; restore a backup"
 
 
 def _missing_trials(database: Database) -> Iterator[str]:

@@ -7,6 +7,8 @@ from typing import Any
 from sqlalchemy import Dialect, Double, String, Text
 from sqlalchemy.types import TypeDecorator
 
+from gtf_tune.errors import StorageError
+
 
 class Words(TypeDecorator[str]):
     """Keep any text, such as the log of a program, as UTF-8 without NUL characters, which PostgreSQL refuses."""
@@ -30,8 +32,17 @@ class Json(TypeDecorator[Any]):
         return None if value is None else json.dumps(value, sort_keys=True, separators=(",", ":"))
 
     def process_result_value(self, value: str | None, dialect: Dialect) -> Any:
-        """Read the value."""
-        return None if value is None else json.loads(value)
+        """Read the value.
+
+        Raises
+        ------
+        StorageError
+            It is no JSON: the database is damaged.
+        """
+        try:
+            return None if value is None else json.loads(value)
+        except ValueError as error:
+            raise StorageError("a value in the storage is damaged; see 'gtf-tune storage check'") from error
 
 
 class Real(TypeDecorator[float]):

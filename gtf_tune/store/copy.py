@@ -8,14 +8,15 @@ from sqlalchemy import ColumnElement, Table, insert, select
 from sqlalchemy.orm import Session
 
 from gtf_tune.errors import StorageError
-from gtf_tune.store import models, studies
+from gtf_tune.store import confirmations, models, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.digest import study_digest
 from gtf_tune.store.optuna_copy import copy_optuna_study, create_optuna_study, optuna_digest
 from gtf_tune.store.rows import chunks
 from gtf_tune.store.session import read, read_rows, write
 from gtf_tune.store.studies import Study
-from gtf_tune.store.trajectories import trajectories
+from gtf_tune.store.trajectories import checked_trajectory, trajectories
+from gtf_tune.store.urls import place_of
 
 Row = dict[str, Any]
 
@@ -28,16 +29,17 @@ _RELEASED = {"claim": None, "heartbeat_at": None}
 
 
 def copy_study(source: Database, target: Database, name: str) -> str:
-    """Copy a study, its Optuna study and its runs, and return the digest that both copies have.
+    """Copy a study, its Optuna study and its runs, those of confirmations too; return the digest that both have.
 
     Slots in work become released ones in the copy. The files of artifacts stay where they are.
 
     Raises
     ------
     StorageError
-        There is no such study, the target has one of this name, or it changed while it was copied; the target then
-        holds nothing of it.
+        There is no such study, the target is the source or has one of this name, a trajectory is damaged, or the study
+        changed while it was copied; the target then holds nothing of it but sound runs, perhaps.
     """
+    _check_different(source, target)
     study = studies.get(source, name)
     _check_absent(target, name)
     optuna_id = create_optuna_study(source, target, study.optuna_study_id, name)
@@ -53,14 +55,19 @@ def copy_study(source: Database, target: Database, name: str) -> str:
     return digest
 
 
+def _check_different(source: Database, target: Database) -> None:
+    if place_of(source.url) == place_of(target.url):
+        raise StorageError(f"both storages are {source.shown_url}; give another one to copy to")
+
+
 def _check_absent(target: Database, name: str) -> None:
     if name not in studies.names(target):
         return
     begun = studies.get(target, name).state == "copying"
     found = "an unfinished copy of study" if begun else "a study"
     raise StorageError(
-        f"{target.shown_url} already holds {found} '{name}'; delete it first with 'gtf-tune study delete {name} "
-        f"--storage {target.shown_url}'"
+        f"{target.shown_url} already holds {found} '{name}'; copy to another storage, or delete that one first with "
+        f"'gtf-tune study delete {name} --storage {target.shown_url}'"
     )
 
 
@@ -82,22 +89,31 @@ def _copy_study_row(source: Database, target: Database, study: Study, optuna_id:
 
 def _copy_runs(source: Database, target: Database, study_id: int) -> dict[int, int]:
     """Copy the runs of a study that the target lacks, and return the new id of each run by its old one."""
-    query = (
-        select(_RUN.c.id, _RUN.c.key)
-        .join(_TRIAL_RUN, _TRIAL_RUN.c.run_id == _RUN.c.id)
+    used = (
+        select(_TRIAL_RUN.c.run_id)
         .join(_TRIAL, _TRIAL.c.id == _TRIAL_RUN.c.trial_id)
         .where(_TRIAL.c.study_id == study_id)
-        .distinct()
     )
+    found = read_rows(source, select(_RUN.c.id, _RUN.c.key).where(_RUN.c.id.in_(used)))
+    for keys in chunks(_confirmed_keys(source, study_id)):
+        found += read_rows(source, select(_RUN.c.id, _RUN.c.key).where(_RUN.c.key.in_(keys)))
     new_ids: dict[int, int] = {}
-    for some in chunks(read_rows(source, query), _RUNS_AT_ONCE):
+    for some in chunks(dict.fromkeys(found), _RUNS_AT_ONCE):
         new_ids.update(_copy_some_runs(source, target, {key: old_id for old_id, key in some}))
     return new_ids
+
+
+def _confirmed_keys(source: Database, study_id: int) -> list[str]:
+    """Return the keys of the runs that confirmations made: no trial refers to them."""
+    found = confirmations.of_study(source, study_id)
+    return [key for one in found for key in one.definition.get("run_keys") or ()]
 
 
 def _copy_some_runs(source: Database, target: Database, old_ids: Mapping[str, int]) -> dict[int, int]:
     runs = _rows(source, _RUN, _RUN.c.key.in_(old_ids))
     outputs = {one["run_id"]: one for one in _rows(source, _OUTPUT, _OUTPUT.c.run_id.in_(old_ids.values()))}
+    for run in runs:
+        checked_trajectory(run["key"], run["trajectory_digest"], outputs[run["id"]]["trajectory"])
     write(target, lambda session: _add_runs(session, runs, outputs))
     trajectories(target, list(old_ids))
     stored = select(_RUN.c.key, _RUN.c.id).where(_RUN.c.key.in_(old_ids))

@@ -139,9 +139,9 @@ def get(database: Database, name: str) -> Study:
     if found is not None:
         return found
     near = get_close_matches(name, names(database), n=3)
-    hint = f"did you mean {' or '.join(repr(one) for one in near)}? " if near else ""
+    hint = f"did you mean {' or '.join(repr(one) for one in near)}? Run" if near else "run"
     raise StorageError(
-        f"there is no study '{name}' in {database.shown_url}; {hint}Run 'gtf-tune study list --storage "
+        f"there is no study '{name}' in {database.shown_url}; {hint} 'gtf-tune study list --storage "
         f"{database.shown_url}'"
     )
 

@@ -7,6 +7,7 @@ from sqlalchemy.exc import ArgumentError
 
 from gtf_tune.errors import StorageError
 
+_POSTGRESQL_PORT = 5432
 _SECRET_QUERY_KEYS = frozenset({"password", "sslpassword"})
 
 
@@ -48,6 +49,13 @@ def display_url(url: URL | str) -> str:
     parsed = parse_url(url) if isinstance(url, str) else url
     secrets = {key: "***" for key in parsed.query if key in _SECRET_QUERY_KEYS}
     return parsed.update_query_dict(secrets).render_as_string(hide_password=True)
+
+
+def place_of(url: URL) -> tuple[str, ...]:
+    """Return what is equal for two URLs that are certain to name the same database, whoever asks for it."""
+    if url.get_backend_name() == "sqlite":
+        return (str(Path(str(url.database)).resolve()),)
+    return (url.host or "", str(url.port or _POSTGRESQL_PORT), url.database or "", str(url.query.get("host", "")))
 
 
 def without_passwords(text: str, url: URL) -> str:

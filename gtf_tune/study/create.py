@@ -19,6 +19,7 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.optuna_tables import optuna_storage
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
 from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence, make_pipeline
+from gtf_tune.study.places import folders_of
 from gtf_tune.study.sampler import check_search, make_pruner, make_sampler
 from gtf_tune.study.space import build_space, space_faults
 from gtf_tune.study.stored import stored_definition
@@ -87,9 +88,10 @@ def open_study(
             "--allow-version-mismatch"
         )
     expected = {one.name: one.fingerprint for one in studies.sequences(database, record.id)}
+    folders = folders_of(definition, Path(record.root), places or {})
     sequences: dict[str, Sequence] = {}
     for one in definition.searched_sequences:
-        sequence = load_defined_sequence(one, Path(record.root), (places or {}).get(one.name))
+        sequence = load_defined_sequence(one, Path(record.root), folders[one.name])
         check_fingerprint(sequence, expected[one.name])
         sequences[one.name] = sequence
     space = build_space(definition, pipeline.options)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from gtf_tune.definition import Axis, RangeAxis, StudyDefinition, definition_from_dict, dump_definition
+from gtf_tune.definition import Axis, RangeAxis, StudyDefinition, dump_definition
 from gtf_tune.errors import DefinitionError
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
@@ -19,6 +19,7 @@ from gtf_tune.store.studies import Study
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.opened import make_pipeline, trial_budget
 from gtf_tune.study.space import build_space
+from gtf_tune.study.stored import stored_definition
 
 _WIDENABLE = ("refine", "tpe", "random", "gp", "qmc")
 
@@ -49,7 +50,7 @@ def extend_study(database: Database, name: str, extension: Extension) -> Study:
         Nothing should change, or a change would make trials incomparable; the message says why and what to do.
     """
     study = studies.get(database, name)
-    definition = definition_from_dict(json.loads(study.definition), f"study '{name}'")
+    definition = stored_definition(study)
     _refuse(definition, extension)
     extended = checked_definition(_changed(definition, extension), f"study '{name}'")
     _refuse_too_few(database, study, extended)
@@ -62,7 +63,7 @@ def extend_study(database: Database, name: str, extension: Extension) -> Study:
 def derive_study(database: Database, name: str, extension: Extension, new_name: str) -> Study:
     """Create a study that differs from a stored one by an extension of any kind; equal runs are reused."""
     study = studies.get(database, name)
-    definition = definition_from_dict(json.loads(study.definition), f"study '{name}'")
+    definition = stored_definition(study)
     data = _changed(definition, extension) | {"name": new_name}
     return create_study(database, checked_definition(data, f"study '{new_name}'"), Path(study.root))
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gtf_tune.definition import StudyDefinition
 from gtf_tune.errors import SequenceError
 from gtf_tune.store.studies import StudySequence
 
@@ -30,6 +31,27 @@ class SequencePlaces:
         if self.data_root is None:
             return found
         return found | {one.name: _below(self.data_root, one) for one in sequences if one.name not in found}
+
+
+def folders_of(definition: StudyDefinition, root: Path, named: Mapping[str, Path]) -> dict[str, Path]:
+    """Return where the searched sequences lie: where ``named`` says, otherwise where the study says.
+
+    Raises
+    ------
+    SequenceError
+        ``named`` has a name that no sequence has, or a sequence does not lie where the study says.
+    """
+    names = [one.name for one in definition.sequences]
+    for name in named:
+        if name not in names:
+            raise SequenceError(f"--sequence {name}=PATH: study '{definition.name}' has only {', '.join(names)}")
+    found = {one.name: named.get(one.name, root / one.path) for one in definition.searched_sequences}
+    for name, folder in found.items():
+        if name not in named and not folder.exists():
+            raise SequenceError(
+                f"sequence '{name}' is not at {folder} on this machine; give its place with --sequence {name}=PATH"
+            )
+    return found
 
 
 def _below(root: Path, sequence: StudySequence) -> Path:

@@ -3,14 +3,13 @@
 Nothing is run and nothing is stored: the study keeps the scores that its search went by.
 """
 
-import json
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from gtf_tune.alignment import MIN_MATCHED
-from gtf_tune.definition import GtfDefinition, definition_from_dict
+from gtf_tune.definition import GtfDefinition
 from gtf_tune.definition.loading import section_from_dict
 from gtf_tune.errors import DefinitionError
 from gtf_tune.store import runs, studies, trials
@@ -19,6 +18,7 @@ from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.objective import FinishedRun, SequenceScore, TrialScore, score_sequence, score_trial
+from gtf_tune.study.stored import stored_definition
 
 RESCORABLE = ("aggregate", "metric", "alignment", "normalise", "rpe_delta", "rpe_delta_unit", "rpe_pairs")
 
@@ -58,7 +58,7 @@ def rescore(database: Database, name: str, changes: Mapping[str, Any]) -> Rescor
         A change needs other runs than the stored ones or is wrong, or no nominal trial is complete.
     """
     study = studies.get(database, name)
-    definition = definition_from_dict(json.loads(study.definition), f"study '{name}'")
+    definition = stored_definition(study)
     gtf = _changed(definition.gtf, changes)
     known = [one for one in trials.of_study(database, study.id) if one.state in ("complete", "pruned")]
     if not known or known[0].ordinal != 0:

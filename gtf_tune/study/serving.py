@@ -1,12 +1,10 @@
 """Serve every open study of a storage: what one of many workers does on one of many machines."""
 
-import json
 import random
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from gtf_tune.definition import definition_from_dict
 from gtf_tune.errors import DeletedError, GtfTuneError, StorageError
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
@@ -21,6 +19,7 @@ from gtf_tune.study.heartbeat import GRACE_S, INTERVAL_S
 from gtf_tune.study.opened import OpenStudy
 from gtf_tune.study.places import SequencePlaces
 from gtf_tune.study.stop import StopRequest
+from gtf_tune.study.stored import stored_definition
 from gtf_tune.study.worker import StudyWorker
 
 _RETRY_REFUSED_S = 60.0
@@ -145,7 +144,7 @@ class StudyServer:
         """Return a study ready for work; opened again only if its definition changed, since that reads all images."""
         known = self._opened.get(record.id)
         if known is None or known.record != record:
-            definition = definition_from_dict(json.loads(record.definition), f"study '{record.name}'")
+            definition = stored_definition(record)
             searched = {one.name for one in definition.searched_sequences}
             stored = studies.sequences(self.database, record.id)
             places = self.rules.places.of([one for one in stored if one.name in searched])

@@ -25,10 +25,7 @@ def reopen_study(database: Database, name: str) -> Study:
         There is no such study, or it is an unfinished copy.
     """
     study = studies.get(database, name)
-    if study.state == "copying":
-        raise StorageError(
-            f"study '{name}' is an unfinished copy; delete it with 'gtf-tune study delete {name}' and copy it again"
-        )
+    _check_whole(study)
     if study.state != "open":
         studies.set_state(database, study.id, "open")
     return studies.get(database, name)
@@ -42,8 +39,17 @@ def check_open(study: Study) -> None:
     StorageError
         The study is paused, stopped, or an unfinished copy.
     """
+    _check_whole(study)
     if study.state not in ("open", "done"):
         raise StorageError(f"study '{study.name}' is {study.state}; open it with 'gtf-tune study resume {study.name}'")
+
+
+def _check_whole(study: Study) -> None:
+    if study.state == "copying":
+        raise StorageError(
+            f"study '{study.name}' is an unfinished copy; delete it with 'gtf-tune study delete {study.name}' and copy "
+            "it again"
+        )
 
 
 def _close(database: Database, name: str, state: studies.StudyState) -> None:

@@ -56,9 +56,7 @@ def from_bytes(data: bytes) -> Trajectory:
         raise TrajectoryError(f"expected a stored trajectory of version {_VERSION}, not {version}; update gtf-tune")
     body = data[_PREFIX.size :]
     if checksum != _checksum(body):
-        raise TrajectoryError(
-            "expected an intact stored trajectory, but its checksum differs; restore it from a backup"
-        )
+        raise TrajectoryError("expected an intact stored trajectory, but its checksum differs")
     return _decode(body)
 
 
@@ -69,7 +67,7 @@ def _decode(body: bytes) -> Trajectory:
         # One byte more than announced: a longer stream then shows itself without being unpacked whole.
         content = zlib.decompressobj().decompress(body[_SIZES.size :], number_bytes + name_bytes + 1)
         if len(content) != number_bytes + name_bytes:
-            raise TrajectoryError("expected a stored trajectory of the announced size; restore it from a backup")
+            raise TrajectoryError("expected a stored trajectory of the announced size")
         names = content[number_bytes:].decode("utf-8", "surrogatepass").split("\0")[:-1]
     except (zlib.error, ValueError, OverflowError) as error:
         raise TrajectoryError(f"expected an intact stored trajectory, not this one ({error})") from error

@@ -63,6 +63,7 @@ def test_a_deleted_study_is_gone(cli: Cli, room: Path) -> None:
 
     assert cli("study", "delete", "small", "--yes").code == 0
     assert json.loads(cli("study", "list", "--json").out) == []
+    assert "no study yet; make one with: gtf-tune study create" in cli("study", "list").err
 
 
 def test_evaluate_scores_one_setting_without_a_storage(cli: Cli, room: Path, tmp_path: Path) -> None:

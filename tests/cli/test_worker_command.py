@@ -31,12 +31,38 @@ def test_a_paused_study_is_not_run_until_it_is_resumed(cli: Cli, room: Path) -> 
     cli(*CREATE, *AXIS, "-n", "2")
     cli("study", "pause", "small")
 
+    room.rename(room.with_name("elsewhere"))
     refused = cli("study", "run", "small", "--jobs", "1")
+    room.with_name("elsewhere").rename(room)
     resumed = cli("study", "resume", "small", "--jobs", "1")
 
     assert (refused.code, resumed.code) == (1, 0)
     assert refused.err.splitlines()[-1] == "error: study 'small' is paused; open it with 'gtf-tune study resume small'"
     assert "2/2" in resumed.err
+
+
+def test_a_worker_says_why_a_named_study_is_not_served(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "-n", "2")
+    cli("study", "stop", "small")
+
+    stopped = cli("worker", "--once", "--study", "small")
+    missing = cli("worker", "--once", "--study", "smal")
+    awaited = cli("worker", "--idle-exit", "0.01", "--study", "later")
+
+    assert "study 'small' is stopped; open it with: gtf-tune study resume small" in stopped.err
+    assert (missing.code, awaited.code) == (1, 0)
+    assert "there is no study 'smal'" in missing.err
+    assert "did you mean 'small'" in missing.err
+    assert "there is no study 'later' yet; waiting for it" in awaited.err
+
+
+def test_a_place_for_a_sequence_that_the_study_has_not_is_refused(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "-n", "2")
+
+    said = cli("study", "run", "small", "--sequence", "rom=room")
+
+    assert said.code == 1
+    assert said.err.splitlines()[-1] == "error: --sequence rom=PATH: study 'small' has only room"
 
 
 def test_a_data_root_that_does_not_exist_is_a_usage_error(cli: Cli, room: Path) -> None:

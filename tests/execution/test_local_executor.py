@@ -1,7 +1,8 @@
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from pathlib import Path
 
 import psutil
@@ -93,7 +94,7 @@ def test_leaving_the_executor_ends_every_run_and_removes_every_file(tmp_path: Pa
 
     with pytest.raises(CancelledError):
         future.result(WAIT_S)
-    assert list((tmp_path / "scratch").iterdir()) == []
+    assert list((tmp_path / "scratch").glob("runs-*")) == []
     assert set(_workers()) <= before
 
 
@@ -126,6 +127,29 @@ def test_the_files_of_a_killed_executor_are_removed_by_the_next_one(tmp_path: Pa
     assert living.folder.exists()
     assert not dead.folder.exists()
     living.close()
+
+
+def test_executors_that_start_at_once_leave_each_others_files_alone(tmp_path: Path) -> None:
+    start = threading.Barrier(8)
+
+    def begin(_: int) -> Scratch:
+        start.wait()
+        return Scratch(tmp_path)
+
+    for _ in range(25):
+        with ThreadPoolExecutor(8) as pool:
+            made = list(pool.map(begin, range(8)))
+        assert all(one.folder.exists() for one in made)
+        for one in made:
+            one.close()
+
+
+def test_a_folder_whose_owner_was_killed_before_it_locked_it_is_removed(tmp_path: Path) -> None:
+    (tmp_path / "runs-unlocked").mkdir()
+
+    Scratch(tmp_path).close()
+
+    assert not (tmp_path / "runs-unlocked").exists()
 
 
 def test_a_place_that_cannot_be_written_to_is_one_sentence(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import ctypes
 import os
 import socket
 import sys
+import tempfile
 import time
 import traceback
 from collections.abc import Callable
@@ -63,8 +64,7 @@ class WorkerPlan:
 
 def work(plan: WorkerPlan, site: str) -> None:
     """Serve the storage until nothing is left to do: the body of a worker process."""
-    sys.path.insert(0, site)
-    os.environ.update({counted.LOG_VARIABLE: str(plan.log), counted.PAUSE_VARIABLE: str(plan.pause_s)})
+    _prepare(plan, site)
     stop = StopRequest()
     try:
         if plan.namespace:
@@ -82,8 +82,7 @@ def attend(plan: WorkerPlan, site: str) -> None:
     """Work on the study as ``gtf-tune study run`` does, notes and figures included: the body of a study process."""
     from gtf_tune.cli.study_run import open_for_work, work_on
 
-    sys.path.insert(0, site)
-    os.environ.update({counted.LOG_VARIABLE: str(plan.log), counted.PAUSE_VARIABLE: str(plan.pause_s)})
+    _prepare(plan, site)
     try:
         study = open_for_work(wait_for_database(plan.storage), NAME, None, False)
         work_on(study, _executor(plan), trial_parallel=1)
@@ -91,6 +90,13 @@ def attend(plan: WorkerPlan, site: str) -> None:
         traceback.print_exc()
         os._exit(1)
     os._exit(0)
+
+
+def _prepare(plan: WorkerPlan, site: str) -> None:
+    """Let this process find the counted pipeline, and leave what it is killed over in the test's own folder."""
+    sys.path.insert(0, site)
+    os.environ.update({counted.LOG_VARIABLE: str(plan.log), counted.PAUSE_VARIABLE: str(plan.pause_s)})
+    tempfile.tempdir = str(plan.log.parent)
 
 
 def enter_network(namespace: str) -> None:
@@ -217,4 +223,6 @@ def wait_until(condition: Callable[[], object], timeout_s: float = PATIENCE_S) -
 
 
 CONTEXT = get_context("forkserver")
-CONTEXT.set_forkserver_preload(["tests.faults.disturbance", "optuna", "gtf_tune.store.patient_optuna"])
+CONTEXT.set_forkserver_preload(
+    ["tests.faults.disturbance", "optuna", "gtf_tune.store.patient_optuna", "gtf_tune.report.dashboard.sync"]
+)

@@ -14,7 +14,7 @@ import pytest
 
 from tests.faults.conftest import Disturb
 from tests.faults.disks import SmallDisk, mounted
-from tests.faults.disturbance import Disturbed, attend, is_running, wait_until, work
+from tests.faults.disturbance import Disturbed, WorkerPlan, attend, is_running, wait_until, work
 from tests.faults.servers import RestartableServer
 from tests.faults.test_kills import runners
 from tests.faults.test_networks import OtherHost, other_host  # noqa: F401 (a fixture)
@@ -23,7 +23,12 @@ pytestmark = pytest.mark.soak
 
 KILLS = 210
 LONG = {"search": {"trials": 200}}
-PLACES = {"study": attend, "worker": work, "second worker": work}
+PLACES: dict[str, tuple[Callable[[WorkerPlan, str], None], int]] = {
+    "study": (attend, 1),
+    "worker": (work, 2),
+    "second worker": (work, 1),
+}
+"""What each process of the fleet does, and how many runs it has side by side: each costs a start after every kill."""
 _CHILDREN_EACH = 2  # a run whose process was killed three times under one executor counts as failed, and rightly so
 
 
@@ -65,7 +70,8 @@ class Storm:
         return list(self.at_work.values())
 
     def _start(self, place: str) -> None:
-        self.at_work[place] = self.study.start(PLACES[place], **self.plan)
+        body, jobs = PLACES[place]
+        self.at_work[place] = self.study.start(body, jobs=jobs, **self.plan)
         self.spared[place] = _CHILDREN_EACH
 
 
@@ -74,7 +80,7 @@ def report(capsys: pytest.CaptureFixture[str], request: pytest.FixtureRequest) -
     """Return a function that prints what a storm did, past pytest's capture."""
     began = time.monotonic()
 
-    def say(study: Disturbed, **counts: object) -> None:
+    def say(study: Disturbed, /, **counts: object) -> None:  # a kind of kill is called "study", too
         begun = study.begun()
         shown = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in counts.items())
         with capsys.disabled():
@@ -116,7 +122,7 @@ def test_a_storm_of_kills_changes_nothing_and_leaves_nobody_running(
 ) -> None:
     study = disturb(make_storage(backend, True))
     study.create(**LONG)
-    storm = Storm(study, random.Random(0), {"jobs": 2, "pause_s": 0.5})
+    storm = Storm(study, random.Random(0), {"pause_s": 0.5})
 
     while storm.kills.total() < KILLS:
         storm.strike()
@@ -138,7 +144,7 @@ def test_a_storm_of_kills_while_the_server_restarts_and_drops_connections_change
     medium = {"search": {"trials": 60}}
     study = disturb(restartable_server.new_storage())
     study.create(**medium)
-    storm = Storm(study, random.Random(1), {"jobs": 2, "pause_s": 0.5})
+    storm = Storm(study, random.Random(1), {"pause_s": 0.5})
     faults: Counter[str] = Counter()
 
     while storm.kills.total() < 60:

@@ -8,12 +8,13 @@ import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from sqlalchemy import create_engine, make_url, text
 
-from gtf_tune.pipelines.run import RunOutcome, RunRequest
+from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database, create_database, open_database
 from gtf_tune.store.optuna_tables import optuna_storage
@@ -170,9 +171,9 @@ def _trajectory(seed: int, num_poses: int) -> Trajectory:
 def make_request() -> Callable[..., RunRequest]:
     """Return a function that makes run requests, which differ by what is given."""
 
-    def make(kind: str = "clean", index: int = 0, **changes: object) -> RunRequest:
-        values = {"pipeline": FakePipeline(), "options": {"a.b": 0.1}, "sequence": FakeSequence(), "noise_sigma": 0.0}
-        values |= {"noise_seed": 0, "seed": index}
+    def make(kind: RunKind = "clean", index: int = 0, **changes: Any) -> RunRequest:
+        values: dict[str, Any] = {"pipeline": FakePipeline(), "options": {"a.b": 0.1}, "sequence": FakeSequence()}
+        values |= {"noise_sigma": 0.0, "noise_seed": 0, "seed": index}
         return RunRequest(kind=kind, index=index, **{**values, **changes})
 
     return make
@@ -182,9 +183,9 @@ def make_request() -> Callable[..., RunRequest]:
 def make_outcome() -> Callable[..., RunOutcome]:
     """Return a function that makes outcomes with a random trajectory."""
 
-    def make(seed: int = 0, num_poses: int = 3, **changes: object) -> RunOutcome:
-        values = {"status": "ok", "wall_s": 1.5, "peak_memory_bytes": 2**33, "host": "here", "started_at": 1e9}
-        values |= {"diagnostics": {"num_points3D": 7}, "versions": {"pycolmap": "4"}, "log": "done"}
+    def make(seed: int = 0, num_poses: int = 3, **changes: Any) -> RunOutcome:
+        values: dict[str, Any] = {"status": "ok", "wall_s": 1.5, "peak_memory_bytes": 2**33, "host": "here"}
+        values |= {"started_at": 1e9, "diagnostics": {"num_points3D": 7}, "versions": {"pycolmap": "4"}, "log": "done"}
         return RunOutcome(trajectory=_trajectory(seed, num_poses), **{**values, **changes})
 
     return make

@@ -3,6 +3,7 @@ from collections.abc import Callable
 import pytest
 from sqlalchemy import text
 
+from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.store import runs, slots, studies
 from gtf_tune.store.check import check
@@ -78,6 +79,26 @@ def test_a_missing_trial_is_a_problem(used: Database) -> None:
 def test_a_score_without_runs_is_a_problem(used: Database) -> None:
     execute(used, "DELETE FROM gtf_trial_run")
     assert check(used).problems == ("trial 0 of study 'room' has a score but no runs; restore a backup",)
+
+
+def test_a_score_that_optuna_has_not_is_a_problem(used: Database) -> None:
+    execute(used, "DELETE FROM trial_values")
+    assert check(used).problems == ("trial 0 of study 'room' has another score in Optuna's tables; restore a backup",)
+
+
+@pytest.mark.parametrize(
+    ("table", "column"), [("gtf_study", "definition"), ("gtf_trial", "options"), ("gtf_run", "options")]
+)
+def test_a_text_that_is_no_json_is_a_problem(used: Database, table: str, column: str) -> None:
+    execute(used, f"UPDATE {table} SET {column} = '{{oops'")
+    assert check(used).problems == (f"'{column}' of row 1 in {table} is damaged; restore a backup",)
+
+
+def test_lost_tables_and_columns_are_named_in_one_sentence(used: Database) -> None:
+    execute(used, "DROP TABLE gtf_run_output")
+    execute(used, "ALTER TABLE gtf_trial DROP COLUMN message")
+    with pytest.raises(StorageError, match=r"tables or columns gtf_run_output, gtf_trial\.message; restore"):
+        check(used)
 
 
 def test_rows_without_their_owner_are_a_problem(make_storage: Callable[[str, bool], str]) -> None:

@@ -178,7 +178,7 @@ def test_a_study_of_the_same_name_is_never_overwritten(
     with pytest.raises(StorageError, match="already holds a study 'room'"):
         copy_study(source, target, "room")
     studies.set_state(target, kept.id, "copying")
-    with pytest.raises(StorageError, match="unfinished copy of study 'room'; delete it first"):
+    with pytest.raises(StorageError, match="unfinished copy of study 'room'; copy to another"):
         copy_study(source, target, "room")
 
 
@@ -200,6 +200,32 @@ def test_a_damaged_trajectory_is_not_copied(pair: tuple[Database, Database], fil
     with pytest.raises(StorageError, match="is damaged"):
         copy_study(source, target, "room")
     assert studies.names(target) == []
+    with target.engine.connect() as connection:
+        assert connection.scalar(text("SELECT count(*) FROM gtf_run")) == 0
+
+
+def test_runs_of_confirmations_are_copied(
+    pair: tuple[Database, Database],
+    fill: Callable[[Database], Study],
+    make_request: Callable[..., RunRequest],
+    make_outcome: Callable[..., RunOutcome],
+) -> None:
+    source, target = pair
+    study = fill(source)
+    confirmed = runs.save(source, make_request("noisy", 77), make_outcome(77))
+    confirmations.add(source, study.id, {"run_keys": [confirmed.key]}, {"p": 0.5}, "keeps")
+
+    copy_study(source, target, "room")
+
+    assert runs.find(target, [confirmed.key])[confirmed.key].num_poses == confirmed.num_poses
+    assert list(trajectories(target, [confirmed.key])) == [confirmed.key]
+
+
+def test_a_storage_is_not_copied_to_itself(pair: tuple[Database, Database], fill: Callable[[Database], Study]) -> None:
+    source, _ = pair
+    fill(source)
+    with pytest.raises(StorageError, match=r"^both storages are sqlite:.*; give another one to copy to$"):
+        copy_study(source, open_database(str(source.url.database)), "room")
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,10 @@ def test_a_study_whose_images_are_missing_is_left_to_others_with_the_reason(
 
     (said,) = serve(database)
 
-    assert said.startswith("study 'small' is left to other workers: ")
+    assert said == (
+        f"study 'small' is left to other workers: sequence 'room' is not at {room} on this machine; give its place "
+        "with --sequence room=PATH"
+    )
     assert states(database) == {"small": "open"}
 
 
@@ -149,6 +152,14 @@ def test_a_worker_takes_over_from_one_that_dies_late(database: Database, create:
 
     assert [one.attempts for one in trials.of_study(database, study.id)] == [2, 1, 1]
     assert states(database) == {"small": "done"}
+
+
+def test_an_unfinished_copy_is_never_worked_on(database: Database, create: Create) -> None:
+    studies.set_state(database, create().id, "copying")
+
+    with pytest.raises(StorageError, match="unfinished copy; delete it with 'gtf-tune study delete small'"):
+        check_open(studies.get(database, "small"))
+    assert serve(database) == []
 
 
 def test_a_stopped_study_opens_again(database: Database, create: Create) -> None:
