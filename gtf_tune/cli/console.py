@@ -99,6 +99,8 @@ def _plain(text: str) -> str:
 def _jsonable(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
+    if value is None or isinstance(value, str | int):  # most of a long result, and slow to tell from a mapping
+        return value
     if isinstance(value, Mapping):
         return {str(name): _jsonable(item) for name, item in value.items()}
     if isinstance(value, list | tuple):
