@@ -11,7 +11,7 @@ from gtf_tune.definition import SearchDefinition, StudyDefinition, definition_fr
 from gtf_tune.errors import DefinitionError
 from gtf_tune.study.refine import RefineSampler
 from gtf_tune.study.refine_many import RefineManySampler
-from gtf_tune.study.sampler import check_search, make_pruner, make_sampler
+from gtf_tune.study.sampler import check_search, make_pruner, make_sampler, startup_trials
 from gtf_tune.study.space import SearchAxis, SearchSpace
 from tests.study.conftest import definition_of
 
@@ -133,3 +133,12 @@ def test_all_faults_of_a_search_are_named_at_once() -> None:
 )
 def test_what_works_together_is_accepted(sections: dict[str, Any]) -> None:
     check_search(_definition(**sections))
+
+
+@pytest.mark.parametrize(
+    ("options", "trials", "random"), [(1, 40, 10), (2, 100, 10), (5, 100, 20), (5, 45, 15), (5, 12, 10), (9, 300, 36)]
+)
+def test_tpe_begins_to_learn_later_where_there_are_more_options_but_not_too_late(
+    options: int, trials: int, random: int
+) -> None:
+    assert startup_trials(options, trials) == random
