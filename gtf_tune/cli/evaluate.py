@@ -68,7 +68,8 @@ def _write(found: "Evaluation", unit: "ScoreUnit") -> None:
     pairs = {unit.name: f"none: {found.score.message}"}
     if score is not None and found.score.feasible:
         low, high = score.confidence_interval
-        interval = f"95 % interval {unit.text(low)} to {unit.text(high)}"
+        known = math.isfinite(low) and math.isfinite(high)
+        interval = f"95 % interval {unit.text(low)} to {unit.text(high)}" if known else "too few runs for an interval"
         pairs[unit.name] = f"{unit.text(score.value)} {unit.symbol} ({interval})"
         pairs["collapsed"] = f"{int(score.collapsed.sum())} of {score.collapsed.size} noisy runs"
     pairs["coverage"] = f"{found.score.coverage:.0%} of the frames (least of all runs)"

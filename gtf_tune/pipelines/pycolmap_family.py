@@ -1,5 +1,6 @@
 """Run pycolmap's mappers on the stages that they share."""
 
+import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -27,6 +28,9 @@ SETTINGS: Mapping[str, Setting] = {
 }
 """``camera_model`` is used where intrinsics are unknown; ``vocab_tree_path`` by ``sequential.loop_detection``."""
 
+# The first number of a tree is its format; before faiss took the place of flann it was the number of visual words.
+_TREE_HEAD = struct.Struct("<iii")
+_TREE_VERSIONS = (1, 2)
 _SHARED_STAGES = ("images", "features", "matches", "geometry")
 
 
@@ -96,7 +100,24 @@ def settings_of(pipeline: str, given: Mapping[str, object]) -> dict[str, str]:
     tree = settings["vocab_tree_path"]
     if tree and not Path(tree).is_file():
         raise DefinitionError(f"pipeline '{pipeline}': no vocabulary tree file at '{tree}'; nothing is downloaded")
+    if tree and not _is_vocab_tree(Path(tree)):
+        raise DefinitionError(
+            f"pipeline '{pipeline}': '{tree}' is no vocabulary tree of COLMAP 4, whose format is not that of versions "
+            "before 3.12; build one with 'colmap vocab_tree_builder' of COLMAP 4"
+        )
     return settings
+
+
+def _is_vocab_tree(path: Path) -> bool:
+    """Tell whether a file begins like a vocabulary tree that pycolmap can read: at any other, it aborts the process."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_TREE_HEAD.size)
+    except OSError as error:
+        raise DefinitionError(
+            f"the vocabulary tree '{path}' cannot be read ({error}); check its permissions"
+        ) from error
+    return len(head) == _TREE_HEAD.size and _TREE_HEAD.unpack(head)[0] in _TREE_VERSIONS
 
 
 def pycolmap_version() -> str:

@@ -84,3 +84,9 @@ def test_evaluate_tells_the_unit_of_score_and_true_error(cli: Cli, room: Path) -
 
     assert re.search(r"GTF ATE +[\d.]+ ‰ of extent \(95 % interval [\d.]+ to [\d.]+\)", said), said
     assert re.search(r"true rotation RPE.* [\d.e-]+ degrees", said), said
+
+
+def test_evaluate_says_so_where_one_noisy_run_gives_no_interval(cli: Cli, room: Path) -> None:
+    said = cli("evaluate", "room", "-p", "analytic", "-k", "1", "-K", "1", "-j", "1").out
+
+    assert re.search(r"GTF ATE +[\d.]+ ‰ of extent \(too few runs for an interval\)", said), said

@@ -332,3 +332,22 @@ def test_the_preset_of_colmap_4_has_pycolmaps_defaults_but_for_two_that_early_ve
 
     assert len(defaults) > 80
     assert defaults == {name: pycolmaps[name] for name in defaults} | iterations
+
+
+@pytest.mark.parametrize("name", ["colmap-3.8", "colmap-3.9", "colmap-4", "glomap"])
+def test_colmap_detects_loops_with_a_vocabulary_tree(name: str, frames: Sequence, tmp_path: Path) -> None:
+    tree = tmp_path / "tree.bin"
+    tree.write_text("tree")
+    sequential = {"matcher": "sequential_matcher", "vocabulary_tree": str(tree)}
+    pipeline = create({"preset": name, **prepare(EXPECTED[name], tmp_path), **sequential})
+
+    ContractCase(pipeline, frames).run(tmp_path / "run", FolderStages(tmp_path / "stages"), {})
+
+    matcher = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()][1]
+    assert matcher[0] == "sequential_matcher"
+    assert matcher[-4:] == [
+        "--SequentialMatching.loop_detection",
+        "1",
+        "--SequentialMatching.vocab_tree_path",
+        str(tree),
+    ]

@@ -1,5 +1,6 @@
 """Settings of pipelines are checked by name and word, all faults at once."""
 
+import struct
 from pathlib import Path
 
 import pytest
@@ -36,6 +37,15 @@ def test_missing_vocabulary_trees_are_named(name: str, tmp_path: Path) -> None:
 
     with pytest.raises(DefinitionError, match=r"no vocabulary tree file at '.*tree\.bin'; nothing is downloaded"):
         create_pipeline(name, {"pairing": "sequential", "vocab_tree_path": path.as_posix()})
+
+
+@pytest.mark.parametrize("head", [b"no tree at all", struct.pack("<iiii", 256, 0, 128, 0), b"\x02\0\0\0", b""])
+def test_files_at_which_pycolmap_would_abort_are_refused(head: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "tree.bin"
+    path.write_bytes(head)
+
+    with pytest.raises(DefinitionError, match=r"tree\.bin' is no vocabulary tree of COLMAP 4.*vocab_tree_builder"):
+        create_pipeline("colmap", {"pairing": "sequential", "vocab_tree_path": path.as_posix()})
 
 
 def test_camera_models_are_those_of_pycolmap() -> None:

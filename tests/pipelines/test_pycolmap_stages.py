@@ -1,10 +1,12 @@
 """A stage is built again exactly when something that it depends on has changed."""
 
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pycolmap
 import pytest
 
@@ -157,9 +159,45 @@ def test_loop_detection_asks_for_a_vocabulary_tree() -> None:
         options.check({"sequential.loop_detection": True})
 
 
+def vocabulary_tree(features: Path, tree: Path) -> Path:
+    """Build a small vocabulary tree from the descriptors of a database."""
+    copy_database(features, tree.with_suffix(".db"))
+    database = pycolmap.Database.open(tree.with_suffix(".db"))
+    described = [database.read_descriptors(image.image_id) for image in database.read_all_images()]
+    database.close()
+    words = np.vstack([one.data for one in described]).astype(np.float32)
+    options = pycolmap.VisualIndex.BuildOptions()
+    options.num_visual_words, options.num_threads = 32, 1
+    index = pycolmap.VisualIndex.create(words.shape[1], 64)
+    index.build(options, pycolmap.FeatureDescriptorsFloat(described[0].type, words))
+    index.write(tree)
+    return tree
+
+
+def test_loop_detection_matches_more_than_neighbours(
+    scene: Sequence, kept_stages: FolderStages, tmp_path: Path
+) -> None:
+    options = {"sequential.overlap": 1, "sequential.quadratic_overlap": False}
+    ContractCase(create_pipeline("glomap"), scene).run(tmp_path / "features", kept_stages)
+    features = next(key for stage, key in kept_stages.built if stage == "features")
+    tree = vocabulary_tree(kept_stages.folder / f"features-{features}" / "database.db", tmp_path / "tree.bin")
+    pipeline = create_pipeline("glomap", {"pairing": "sequential", "vocab_tree_path": str(tree)})
+    loops = {"sequential.loop_detection": True, "sequential.loop_detection_period": 1}
+    before = len(kept_stages.built)
+
+    output = ContractCase(pipeline, scene, options).run(tmp_path / "run", kept_stages, loops)
+
+    key = dict(kept_stages.built[before:])["geometry"]
+    copy_database(kept_stages.folder / f"geometry-{key}" / "database.db", tmp_path / "geometry.db")
+    database = pycolmap.Database.open(tmp_path / "geometry.db")
+    assert database.num_verified_image_pairs() > len(scene) - 1
+    assert len(output.trajectory) == len(scene)
+    database.close()
+
+
 def test_the_vocabulary_tree_is_part_of_the_matches(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        (tmp_path / name).write_text(name)
+        (tmp_path / name).write_bytes(struct.pack("<iii", 2, 128, 64) + name.encode())
     settings = [{"pairing": "sequential", "vocab_tree_path": str(tmp_path / name)} for name in ("a", "b")]
     loops = {"sequential.loop_detection": True}
 
