@@ -2,9 +2,9 @@
 
     python -m benchmarks.scale_simulation [WORKERS ...]
 
-starts a throw-away PostgreSQL, lets 1, 4, 16 (or the given numbers of) workers tune the analytic pipeline, whose runs
+starts a throw-away PostgreSQL, lets 1, 4, 16, 64 (or the given numbers of) workers tune the analytic pipeline, whose runs
 take no time, counts statements, commits and bytes, measures how queries grow with the number of trials, feeds all of it
-to a discrete-event model of many workers, and rewrites docs/scale.md. About three minutes on two cores.
+to a discrete-event model of many workers, and rewrites docs/scale.md. About five minutes on two cores.
 """
 
 import heapq
@@ -342,4 +342,4 @@ def fastest_ms(work: Callable[[], object], times: int = 15) -> float:
 
 
 if __name__ == "__main__":
-    main([int(argument) for argument in sys.argv[1:]] or [1, 4, 16])
+    main([int(argument) for argument in sys.argv[1:]] or [1, 4, 16, 64])

@@ -1,5 +1,6 @@
 """Make the executor that the flags of a command ask for."""
 
+import logging
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -32,7 +33,10 @@ def make_executor(jobs: int, cache_dir: Path | None, address: str = "local", *, 
     if address.startswith(_DASK):
         from gtf_tune.execution.dask import DaskExecutor
 
-        return DaskExecutor("tcp://" + address.removeprefix(_DASK), keep_stages=not no_cache)
+        executor = DaskExecutor("tcp://" + address.removeprefix(_DASK), keep_stages=not no_cache)
+        # Dask prints tracebacks when a scheduler goes away, which we say in one sentence.
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
+        return executor
     if address != "local":
         raise DefinitionError(f"--executor takes local or dask://HOST:PORT, not '{address}'")
     folder = cache_dir or default_cache_folder()

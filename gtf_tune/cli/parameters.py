@@ -13,7 +13,7 @@ Storage = Annotated[
     typer.Option(
         "--storage",
         envvar=STORAGE_VARIABLE,
-        help="Database: a file, sqlite:///FILE or postgresql+psycopg://HOST/NAME.",
+        help="Database: a file, sqlite:///FILE, postgresql+psycopg://HOST/NAME, or @FILE that holds such a URL.",
         show_envvar=True,
     ),
 ]

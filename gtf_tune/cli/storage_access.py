@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from gtf_tune.store.database import Database
 
 _opened = ExitStack()
+_url_files: dict[str, str] = {}
+"""The ``@FILE`` by which a storage was named, by the URL that is shown for it."""
 
 
 def close_storages() -> None:
@@ -23,29 +25,28 @@ def open_storage(storage: str) -> "Database":
     """Open an existing storage and print which one it is."""
     from gtf_tune.store.database import open_database
 
-    database = open_database(storage)
-    _opened.callback(database.close)
-    say(f"storage: {database.shown_url}")
-    return database
+    return _noted(storage, open_database(storage))
 
 
 def wait_for_storage(storage: str) -> "Database":
     """Open an existing storage like `open_storage`, but wait for a server that does not answer yet."""
     from gtf_tune.store.database import wait_for_database
 
-    database = wait_for_database(storage, say)
-    _opened.callback(database.close)
-    say(f"storage: {database.shown_url}")
-    return database
+    return _noted(storage, wait_for_database(storage, say))
 
 
 def create_storage(storage: str) -> "Database":
     """Open a storage, creating it if need be, and print which one it is."""
     from gtf_tune.store.database import create_database
 
-    database = create_database(storage)
+    return _noted(storage, create_database(storage))
+
+
+def _noted(storage: str, database: "Database") -> "Database":
     _opened.callback(database.close)
     say(f"storage: {database.shown_url}")
+    if storage.startswith("@"):
+        _url_files[database.shown_url] = storage
     return database
 
 
@@ -54,7 +55,9 @@ def storage_flag(database: "Database") -> str:
     from gtf_tune.store.urls import display_url
 
     usual = display_url(os.environ.get(STORAGE_VARIABLE) or DEFAULT_STORAGE)
-    return "" if database.shown_url == usual else f" --storage {shlex.quote(database.shown_url)}"
+    if database.shown_url == usual:
+        return ""
+    return f" --storage {shlex.quote(_url_files.get(database.shown_url, database.shown_url))}"
 
 
 def hush_optuna() -> None:

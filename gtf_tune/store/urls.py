@@ -14,11 +14,15 @@ _SECRET_QUERY_KEYS = frozenset({"password", "sslpassword"})
 def parse_url(storage: str) -> URL:
     """Return the URL of a storage given as a file path, ``sqlite:///FILE`` or ``postgresql://USER@HOST/NAME``.
 
+    ``@FILE`` stands for the text in a file: a password then is neither on a command line nor in the environment.
+
     Raises
     ------
     StorageError
         The text is no URL, names another kind of database, or is a SQLite URL without a file.
     """
+    if storage.startswith("@"):
+        storage = _content_of(Path(storage[1:]).expanduser())
     if not storage.strip():
         raise StorageError("the storage is empty; give a file such as gtf-tune.db or a postgresql+psycopg:// URL")
     if "://" not in storage:
@@ -31,6 +35,14 @@ def parse_url(storage: str) -> URL:
             "with special characters of the password percent-encoded"
         ) from error
     return _checked(url)
+
+
+def _content_of(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+        raise StorageError(f"{path}, which should hold the URL of the storage, cannot be read ({reason})") from error
 
 
 def _checked(url: URL) -> URL:

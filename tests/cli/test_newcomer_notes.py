@@ -65,6 +65,14 @@ def test_suggested_commands_find_the_same_storage(cli: Cli, room: Path) -> None:
     assert "Next: gtf-tune study resume small --storage 'sqlite:///other place.db'" in paused.err
 
 
+def test_a_storage_named_by_a_file_is_suggested_by_that_file(cli: Cli, room: Path, tmp_path: Path) -> None:
+    (tmp_path / "url").write_text("sqlite:///secret.db\n")
+
+    created = cli(*CREATE, *AXIS, "--storage", "@url")
+
+    assert "Next: gtf-tune study run small --storage @url\n" in created.err
+
+
 def test_the_storage_of_the_environment_is_not_repeated(cli: Cli, room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GTF_TUNE_STORAGE", "usual.db")
 

@@ -1,3 +1,7 @@
+import json
+import logging
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -6,7 +10,7 @@ import pytest
 distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
 
 from gtf_tune.cli.executors import make_executor  # noqa: E402
-from gtf_tune.errors import DefinitionError, SequenceError  # noqa: E402
+from gtf_tune.errors import DefinitionError, SequenceError, StorageError  # noqa: E402
 from gtf_tune.execution import InlineExecutor, RunLimits  # noqa: E402
 from gtf_tune.execution.dask import DaskExecutor  # noqa: E402
 from gtf_tune.execution.dask_worker import DATA_ROOT_VARIABLE, checked_here  # noqa: E402
@@ -17,6 +21,7 @@ from gtf_tune.study.create import checked_definition, create_study, open_study  
 from gtf_tune.study.worker import StudyWorker  # noqa: E402
 from tests.execution.doubles import Hanging, LosesItsHost, analytic, request_of  # noqa: E402
 from tests.execution.executor_contract import LIMITS, WAIT_S, ExecutorContract  # noqa: E402
+from tests.faults.disturbance import wait_until  # noqa: E402
 from tests.study.conftest import definition_of, write_sequence  # noqa: E402
 
 
@@ -74,14 +79,32 @@ def test_a_scheduler_that_does_not_answer_is_one_sentence(monkeypatch: pytest.Mo
         make_executor(1, None, "dask://127.0.0.1:9")
 
 
+def test_a_scheduler_that_is_killed_is_one_sentence(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    file = tmp_path / "scheduler.json"
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+    scheduler = subprocess.Popen([*command, "--no-dashboard", "--scheduler-file", str(file)], stderr=subprocess.DEVNULL)
+    wait_until(lambda: file.exists() and file.stat().st_size)
+    address = json.loads(file.read_text())["address"].replace("tcp://", "dask://")
+
+    logging.getLogger("distributed.client").addHandler(caplog.handler)  # Dask's loggers have handlers of their own
+
+    with make_executor(1, None, address) as executor:
+        future = executor.submit(request_of(analytic()), LIMITS)
+        scheduler.kill()
+        scheduler.wait()
+        with pytest.raises(StorageError, match=r"^the Dask scheduler at tcp://\S+ is gone; start it again"):
+            future.result(WAIT_S)
+
+    logging.getLogger("distributed.client").removeHandler(caplog.handler)
+    assert caplog.records == []
+
+
 def test_an_address_of_another_kind_is_refused() -> None:
     with pytest.raises(DefinitionError, match=r"takes local or dask://HOST:PORT, not 'slurm'"):
         make_executor(1, None, "slurm")
 
 
 def test_without_dask_the_command_to_install_it_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    import sys
-
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(DefinitionError, match=r"pip install 'gtf-tune\[dask\]'"):
         DaskExecutor("tcp://127.0.0.1:9")

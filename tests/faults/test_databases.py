@@ -9,6 +9,7 @@ from sqlalchemy import text
 
 from gtf_tune.errors import GtfTuneError, StorageError
 from gtf_tune.execution import FreshStages, InlineExecutor, LocalExecutor, StageCache
+from gtf_tune.report.dashboard.place import turn_to_write
 from gtf_tune.store.database import open_database
 from gtf_tune.study.create import open_study
 from gtf_tune.study.worker import StudyWorker
@@ -17,6 +18,8 @@ from tests.faults.counted import LOG_VARIABLE, PAUSE_VARIABLE
 from tests.faults.disks import SmallDisk
 from tests.faults.disturbance import NAME, wait_until
 from tests.faults.servers import RestartableServer
+
+DROP = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE application_name = 'gtf-tune'"
 
 
 @pytest.mark.parametrize("mode", ["fast", "immediate"])
@@ -44,13 +47,22 @@ def test_connections_that_are_dropped_at_any_moment_are_made_again(
 
     wait_until(lambda: study.begun())
     while any(worker.is_alive() for worker in workers):
-        restartable_server.execute(
-            "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE application_name = 'gtf-tune'"
-        )
+        restartable_server.execute(DROP)
         workers[0].join(chance.uniform(0.1, 0.5))
     study.finish(workers)
 
     study.check(undisturbed())
+
+
+def test_a_turn_to_write_whose_connection_is_dropped_is_free_again(restartable_server: RestartableServer) -> None:
+    database = open_database(restartable_server.new_storage())
+
+    with turn_to_write(database, 1) as first:
+        restartable_server.execute(DROP)
+    with turn_to_write(database, 1) as second:
+        assert (first, second) == (True, True)
+
+    database.close()
 
 
 def test_a_clock_that_jumps_costs_nothing(

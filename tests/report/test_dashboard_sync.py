@@ -2,6 +2,7 @@ import csv
 import io
 import json
 import os
+import sqlite3
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from xml.etree import ElementTree
 
 import optuna_dashboard
 import pytest
+from sqlalchemy.exc import OperationalError
 
 from gtf_tune.report.dashboard import notes, sync
 from gtf_tune.report.dashboard.place import artifact_folder, turn_to_write
@@ -169,6 +171,19 @@ def test_a_fault_is_one_warning_and_never_an_error(own_database: Database, monke
 
     assert len(warnings) == 1
     assert "the study goes on (division by zero)" in warnings[0]
+
+
+def test_a_fault_of_the_database_is_one_line(own_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(data: object) -> None:
+        raise OperationalError("SELECT 1", {}, sqlite3.OperationalError("went\n  away"))
+
+    warnings: list[str] = []
+    monkeypatch.setattr(sync, "key_figures", refuse)
+    DashboardSync(own_database, "synthetic", warn=warnings.append, refresh_s=0.0).study_started()
+
+    assert "refused a request: went away; run" in warnings[0]
+    assert "\n" not in warnings[0]
+    assert "SELECT" not in warnings[0]
 
 
 def test_a_folder_that_cannot_be_made_is_a_warning(own_database: Database, tmp_path: Path) -> None:

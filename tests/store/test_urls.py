@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import pytest
 
 from gtf_tune.errors import StorageError
@@ -22,6 +24,24 @@ def test_urls_are_read_and_shown_without_passwords(storage: str, shown: str | No
             parse_url(storage)
     else:
         assert display_url(storage) == shown
+
+
+def test_a_url_may_come_from_a_file(tmp_path: Path) -> None:
+    file = tmp_path / "secret"
+    file.write_text("postgresql://me:hush@host/gtf\n")
+
+    assert parse_url(f"@{file}").password == "hush"
+    assert display_url(f"@{file}") == "postgresql+psycopg://me:***@host/gtf"
+
+
+@pytest.mark.parametrize(("content", "reason"), [(None, "No such file"), (b"\xff\xfe", "it is no text")])
+def test_a_file_without_a_url_is_one_sentence(tmp_path: Path, content: bytes | None, reason: str) -> None:
+    file = tmp_path / "secret"
+    if content is not None:
+        file.write_bytes(content)
+
+    with pytest.raises(StorageError, match=rf"secret, which should hold the URL .*, cannot be read \({reason}"):
+        parse_url(f"@{file}")
 
 
 @pytest.mark.parametrize("storage", ["", " ", "sqlite://", "sqlite:///:memory:", "mysql://me@host/db", "http://[bad"])

@@ -4,11 +4,12 @@ import fcntl
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from optuna.artifacts import FileSystemArtifactStore
 from sqlalchemy import text
+from sqlalchemy.exc import DBAPIError
 
 from gtf_tune.store.database import Database
 
@@ -57,7 +58,8 @@ def turn_to_write(database: Database, study_id: int, patience_s: float = 0.0) ->
             yield mine
         finally:
             if mine:
-                connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": key})
+                with suppress(DBAPIError):  # a server that dropped the connection has taken the turn back already
+                    connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": key})
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import optuna
+from sqlalchemy.exc import SQLAlchemyError
 
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.report.dashboard import attachments, notes
@@ -21,6 +22,7 @@ from gtf_tune.report.tables.verdict import study_verdict
 from gtf_tune.report.units import study_unit
 from gtf_tune.store import runs, studies
 from gtf_tune.store.database import Database
+from gtf_tune.store.faults import storage_error
 from gtf_tune.store.optuna_tables import optuna_storage
 from gtf_tune.store.runs import StoredRun
 from gtf_tune.study.evaluation import RunSlot
@@ -182,7 +184,9 @@ class DashboardSync:
         except Exception as error:  # the study matters more than its display, whatever is wrong with that
             if not self._has_warned:
                 self._has_warned = True
-                self._warn(f"optuna-dashboard could not be brought up to date, the study goes on ({error})")
+                reason = storage_error(error, self._database.url) if isinstance(error, SQLAlchemyError) else error
+                said = " ".join(str(reason).split())
+                self._warn(f"optuna-dashboard could not be brought up to date, the study goes on ({said})")
 
 
 def _facts(data: StudyData) -> dict[str, str]:
