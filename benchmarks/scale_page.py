@@ -52,7 +52,8 @@ def _measured(figures: Mapping[str, Any]) -> str:
 
 What a study costs its database, measured; and what very large ones would need, modelled. Made by
 `python -m benchmarks.scale_simulation`, with the analytic pipeline (its runs take no time, so that only gtf-tune, Optuna
-and PostgreSQL are measured), on {figures["machine"]} shared with the server and the workers.
+and PostgreSQL are measured), on {figures["machine"]} shared with the server and the workers. Times also contain
+what else the machine did meanwhile; statements, commits and bytes do not depend on it.
 
 ## What a trial costs
 

@@ -3,8 +3,8 @@
     python -m benchmarks.scale_simulation [WORKERS ...]
 
 starts a throw-away PostgreSQL, lets 1, 4, 16, 64 (or the given numbers of) workers tune the analytic pipeline, whose
-runs take no time, counts statements, commits and bytes, measures how queries grow with the number of trials, feeds
-all of it to a discrete-event model of many workers, and rewrites docs/scale.md. About five minutes on two cores.
+runs take no time, counts statements, commits and bytes, measures how queries grow with the number of trials, feeds all
+of it to a discrete-event model of many workers, and rewrites docs/scale.md. About five minutes on two cores.
 """
 
 import heapq
