@@ -91,8 +91,10 @@ def find(database: Database, keys: Iterable[str]) -> dict[str, StoredRun]:
     return found
 
 
-def save(database: Database, request: RunRequest, outcome: RunOutcome) -> StoredRun:
+def save(database: Database, request: RunRequest, outcome: RunOutcome, key: str = "") -> StoredRun:
     """Store how a run ended and return what is stored: the first writer of a key wins.
+
+    ``key`` is that of the request where none is given.
 
     Raises
     ------
@@ -101,7 +103,7 @@ def save(database: Database, request: RunRequest, outcome: RunOutcome) -> Stored
     """
     from gtf_tune.trajectory import to_bytes  # takes scipy, which no reader of studies needs
 
-    row = _row(request, outcome)
+    row = {**_row(request, outcome), "key": key or request.key}
     trajectory = to_bytes(outcome.trajectory)
 
     def work(session: Session) -> StoredRun:
@@ -120,7 +122,6 @@ def _row(request: RunRequest, outcome: RunOutcome) -> dict[str, Any]:
     from gtf_tune.store.trajectories import digest_of
 
     return {
-        "key": request.key,
         "pipeline": request.pipeline.name,
         "version": request.pipeline.version,
         "settings": dict(request.pipeline.settings),

@@ -7,7 +7,7 @@ from typing import Protocol
 
 from gtf_tune.definition import LimitsDefinition
 from gtf_tune.execution import Executor, RunLimits
-from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
+from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest, digest
 from gtf_tune.store import runs
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import StoredRun
@@ -56,9 +56,14 @@ class RunSource:
         Interrupted
             Someone asked to stop; runs that finished are stored.
         """
-        keys = {slot: request.key for slot, request in requests.items()}
-        known = runs.find(self.database, list(keys.values()))
-        obtained = {slot: ObtainedRun(known[key], reused=True) for slot, key in keys.items() if key in known}
+        keys = {slot: (request.key, failed_key(request, self.limits)) for slot, request in requests.items()}
+        known = runs.find(self.database, [key for both in keys.values() for key in both])
+        obtained = {
+            slot: ObtainedRun(known[key], reused=True)
+            for slot, both in keys.items()
+            for key in reversed(both)  # a result counts more than a failure
+            if key in known
+        }
         for slot, run in obtained.items():
             self.listener.run_finished(slot, run.run, reused=True)
         missing = {slot: request for slot, request in requests.items() if slot not in obtained}
@@ -115,9 +120,16 @@ class _Batch:
             outcome = future.result()
         except CancelledError:
             return
-        run = runs.save(self.source.database, self.requests[slot], outcome)
+        request = self.requests[slot]
+        key = request.key if outcome.status == "ok" else failed_key(request, self.source.limits)
+        run = runs.save(self.source.database, request, outcome, key)
         self.finished[slot] = ObtainedRun(run, reused=False)
         self.source.listener.run_finished(slot, run, reused=False)
+
+
+def failed_key(request: RunRequest, limits: RunLimits) -> str:
+    """Return the key under which a failed run is stored: a run with other limits deserves a try of its own."""
+    return digest({"failed": request.key, "timeout_s": limits.timeout_s, "memory_bytes": limits.memory_bytes})
 
 
 def run_limits(limits: LimitsDefinition) -> RunLimits:

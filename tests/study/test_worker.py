@@ -58,6 +58,22 @@ def test_every_trial_runs_k_plus_k_delta_times_and_stores_each_run(
     }
 
 
+def test_a_run_that_failed_is_tried_again_under_other_limits_only(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    failing = {"name": "analytic", "settings": {"failure": "memory"}}
+    data = definition_of(room, pipeline=failing, search={"trials": 1}, limits={"run_memory_gb": 0.5})
+    first = run_study(data)
+    same = run_study({**data, "name": "same"})
+    raised = run_study({**data, "name": "raised", "limits": {"run_memory_gb": 0.6}})
+
+    assert len(first.executed) == len(raised.executed) == 2  # of nominal, whose clean runs fail
+    assert same.executed == []
+    assert {run.run.error for run in runs.of_study(database, studies.get(database, "small").id)} == {
+        "the run needed more than its memory limit of 0.5 GB"
+    }
+
+
 def test_a_second_study_reuses_the_runs_of_the_first(room: Path, run_study: Runner) -> None:
     run_study(definition_of(room))
 
