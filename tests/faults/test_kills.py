@@ -75,7 +75,12 @@ def test_a_run_whose_child_is_killed_is_done_again(
 
 def runners(pid: int | None) -> list[psutil.Process]:
     """Return the processes in which a worker's runs live."""
-    return [one for one in psutil.Process(pid).children() if "spawn_main" in " ".join(one.cmdline())]
+    found = []
+    for child in psutil.Process(pid).children():
+        with suppress(psutil.NoSuchProcess):  # it may end this very moment
+            if "spawn_main" in " ".join(child.cmdline()):
+                found.append(child)
+    return found
 
 
 @pytest.mark.soak
