@@ -36,6 +36,12 @@ from gtf_tune.store.validations import Validation
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.verdicts import ADOPT
 from gtf_tune.trajectory import Trajectory
+from tests.store.conftest import (  # noqa: F401 (fixtures)
+    make_storage,
+    postgresql_server,
+    postgresql_template,
+    sqlite_template,
+)
 
 FRAMES = 24
 CLEAN, NOISY = 2, 4

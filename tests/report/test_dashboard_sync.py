@@ -1,7 +1,6 @@
 import csv
 import io
 import json
-import os
 import sqlite3
 import threading
 from collections.abc import Callable
@@ -220,11 +219,8 @@ def test_a_worker_that_may_wait_gets_its_turn(own_database: Database) -> None:
     other.join()
 
 
-def test_turns_are_kept_on_a_server_too() -> None:
-    url = os.environ.get("GTF_TUNE_TEST_DB_URL")
-    if not url:
-        pytest.skip("no PostgreSQL here: set GTF_TUNE_TEST_DB_URL")
-    database = connect(url.replace("postgresql://", "postgresql+psycopg://"))
+def test_turns_are_kept_on_a_server_too(make_storage: Callable[[str, bool], str]) -> None:
+    database = connect(make_storage("postgresql", True))
 
     with turn_to_write(database, STUDY_ID) as first, turn_to_write(database, STUDY_ID) as second:
         assert (first, second) == (True, False)
