@@ -118,19 +118,20 @@ class PatientStorage(RDBStorage):
 
     def set_trial_user_attr(self, trial_id: int, key: str, value: Any) -> None:
         """Set a user attribute now, or with all others that are gathered."""
-        if self._gathered.rows is None:
+        if not self._gathers(models.TrialUserAttributeModel, trial_id, key, value):
             super().set_trial_user_attr(trial_id, key, value)
-        else:
-            row = {"trial_id": trial_id, "key": key, "value_json": json.dumps(value)}
-            self._gathered.rows.append((models.TrialUserAttributeModel, row))
 
     def set_trial_system_attr(self, trial_id: int, key: str, value: Any) -> None:
         """Set a system attribute now, or with all others that are gathered."""
-        if self._gathered.rows is None:
+        if not self._gathers(models.TrialSystemAttributeModel, trial_id, key, value):
             super().set_trial_system_attr(trial_id, key, value)
-        else:
-            row = {"trial_id": trial_id, "key": key, "value_json": json.dumps(value)}
-            self._gathered.rows.append((models.TrialSystemAttributeModel, row))
+
+    def _gathers(self, kind: Any, trial_id: int, key: str, value: Any) -> bool:
+        """Keep an attribute for later and return True, where this thread gathers."""
+        if self._gathered.rows is None:
+            return False
+        self._gathered.rows.append((kind, {"trial_id": trial_id, "key": key, "value_json": json.dumps(value)}))
+        return True
 
     def set_trial_intermediate_value(self, trial_id: int, step: int, intermediate_value: float) -> None:
         """Set an intermediate value now, or with all others that are gathered."""

@@ -29,7 +29,7 @@ from tests.study.conftest import definition_of, write_sequence  # noqa: E402
 def cluster() -> Iterator[object]:
     """Yield a cluster of two workers in processes of this machine."""
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, memory_limit=0
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", memory_limit=0
     ) as local:
         yield local
 
