@@ -70,12 +70,12 @@ def _machines(results: Mapping[str, Result]) -> str:
     lines = [
         "## The machine",
         "",
-        "| benchmark | processor | memory | system | load before |",
-        "| --- | --- | --- | --- | --- |",
+        "| benchmark | processor | memory | system | speed | load before |",
+        "| --- | --- | --- | --- | --- | --- |",
     ]
     lines += [
         f"| {result.section.title} | "
-        + " | ".join(result.machine[fact] for fact in ("processor", "memory", "system", "load before"))
+        + " | ".join(result.machine.get(fact, "") for fact in ("processor", "memory", "system", "speed", "load before"))
         + " |"
         for result in results.values()
     ]

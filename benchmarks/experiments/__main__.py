@@ -17,7 +17,7 @@ from benchmarks.experiments.joint import read_joint, run_joint
 from benchmarks.experiments.k_delta import curve
 from benchmarks.experiments.ladder import SEQUENCES as LADDER_SEQUENCES
 from benchmarks.experiments.ladder import Ladder, NotMeasuredError, read_ladder, run_ladder
-from benchmarks.experiments.measure import Bench, data_folders, run_confirmation, run_grid
+from benchmarks.experiments.measure import Bench, data_folders, ground_truths, run_confirmation, run_grid
 from benchmarks.experiments.plan import (
     CONFIRMATION_RUNS,
     OPTIONS,
@@ -42,6 +42,7 @@ from benchmarks.experiments.stored import (
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.study.evaluation import Interrupted
 from gtf_tune.study.stop import StopRequest, signals_to
+from gtf_tune.trajectory import Trajectory
 
 Item = TypeVar("Item")
 
@@ -89,7 +90,7 @@ def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
     named = {name: Path(name) for name in SIGMAS}
     table, single = experiments(named), ablation(named)
     others = [many_noisy_runs(named), other_sigmas(named), traps(named)]
-    read = partial(_read_all, bench.database, stored_results(DOCS / "results.json"))
+    read = partial(_read_all, bench.database, stored_results(DOCS / "results.json"), ground_truths(folders))
     outcomes = read(table)
     many, weaker, trapped = map(read, others)
     ladders, missing_ladders = _ladders(bench, folders)
@@ -116,15 +117,26 @@ def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
 
 
 def _read_all(
-    database: Database, stored: Mapping[str, Mapping[str, Any]], planned: Sequence[Experiment]
+    database: Database,
+    stored: Mapping[str, Mapping[str, Any]],
+    truths: Mapping[str, Trajectory],
+    planned: Sequence[Experiment],
 ) -> list[Outcome]:
     """Return finished experiments from the database, else from the results that are written already."""
-    found = [_known(read_outcome(database, one), _stored(stored, one)) for one in planned]
+    found = [
+        _known(read_outcome(database, one, truths.get(one.sequence)), _stored(stored, one), one.sequence in truths)
+        for one in planned
+    ]
     return [one for one in found if one is not None]
 
 
-def _known(fresh: Outcome | None, earlier: Outcome | None) -> Outcome | None:
-    """Return what the database holds, with the earlier verdict where it holds none."""
+def _known(fresh: Outcome | None, earlier: Outcome | None, judged: bool) -> Outcome | None:
+    """Return what the database holds, with the earlier verdict where it holds none.
+
+    What is not ``judged``, as its ground truth is not at hand, is taken as it was written earlier.
+    """
+    if earlier is not None and not judged:
+        return earlier
     if fresh is None or fresh.adopted is not None or earlier is None or earlier.adopted is None:
         return fresh or earlier
     adopted = next((one for one in fresh.settings if one.value == earlier.adopted.value), None)

@@ -8,6 +8,7 @@ from typing import Any
 
 from benchmarks.experiments.plan import ROOM, TOP, Experiment
 from gtf_tune.execution import LocalExecutor, StageCache, default_cache_folder
+from gtf_tune.sequence import load_sequence
 from gtf_tune.sequence.render.room import RoomSpec, render_room
 from gtf_tune.store import confirmations, studies
 from gtf_tune.store.database import Database
@@ -17,6 +18,7 @@ from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
 from gtf_tune.study.events import Silent
 from gtf_tune.study.stop import StopRequest
 from gtf_tune.study.worker import StudyWorker
+from gtf_tune.trajectory import Trajectory
 
 DATA_VARIABLE = "GTF_TUNE_DATA"
 ROOM_FOLDER = Path("storage/data/experiments-room")
@@ -43,6 +45,12 @@ def data_folders() -> dict[str, Path]:
         print(f"only the rendered room: set {DATA_VARIABLE} to a folder of sequences with groundtruth.txt for more")
         return found
     return found | {path.parent.name: path.parent for path in sorted(Path(root).absolute().glob("*/groundtruth.txt"))}
+
+
+def ground_truths(folders: Mapping[str, Path]) -> dict[str, Trajectory]:
+    """Return the ground truth of the sequences that have one."""
+    found = {name: load_sequence(folder).ground_truth for name, folder in folders.items()}
+    return {name: one for name, one in found.items() if one is not None}
 
 
 def local_executor(jobs: int) -> LocalExecutor:

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
+from scipy import stats
 
 Table = tuple[Sequence[str], Sequence[Sequence[str]]]
 
@@ -27,6 +28,13 @@ def known(value: float) -> float | None:
 def mean(values: Iterable[float]) -> float:
     finite = [value for value in values if math.isfinite(value)]
     return float(np.mean(finite)) if finite else math.nan
+
+
+def spearman(a: Sequence[float], b: Sequence[float]) -> float:
+    """Return the rank correlation of two series, NaN where one of them is constant."""
+    if len(set(a)) < 2 or len(set(b)) < 2:
+        return math.nan
+    return float(stats.spearmanr(a, b).statistic)
 
 
 def part(title: str, text: str, table: Table) -> str:

@@ -1,21 +1,22 @@
 """Read what an experiment measured: each setting with its matrix, its true error, and other predictors of it."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 
 import numpy as np
-from scipy import stats
 
 from benchmarks.experiments.estimators import between, dispersion, paired_ratio
+from benchmarks.experiments.numbers import spearman
 from benchmarks.experiments.plan import Experiment
 from gtf_tune.gtf import Aggregate, aggregate_matrix
+from gtf_tune.metrics import ate
 from gtf_tune.store import confirmations, runs, studies, trials, validations
 from gtf_tune.store.database import Database
 from gtf_tune.store.trajectories import trajectories
-from gtf_tune.trajectory import FloatArray
+from gtf_tune.trajectory import FloatArray, Trajectory
 
 AGGREGATES: tuple[Aggregate, ...] = ("mean", "median", "gmean", "trimmed")
 
@@ -24,7 +25,8 @@ AGGREGATES: tuple[Aggregate, ...] = ("mean", "median", "gmean", "trimmed")
 class Setting:
     """Hold one value of an option.
 
-    ``matrix`` (k, k_delta) is NaN where the setting is infeasible; ``true_ate`` is in the unit of the ground truth.
+    ``matrix`` (k, k_delta) is NaN where the setting is infeasible. ``true_ate`` is the true error of the clean runs in
+    the unit of the ground truth, ``noisy_true_ate`` the median one of the noisy runs, NaN where it is not known.
     ``clean_clean``, ``noisy_noisy``, ``dispersion`` and ``paired`` are the other estimators of precision.
     """
 
@@ -33,6 +35,7 @@ class Setting:
     feasible: bool
     coverage: float
     true_ate: float
+    noisy_true_ate: float
     matrix: FloatArray
     collapsed: float
     clean_clean: float
@@ -101,6 +104,16 @@ class Outcome:
         """Return the true error of a setting relative to nominal's, negative where it is better."""
         return setting.true_ate / self.nominal.true_ate - 1
 
+    def noisy_change(self, setting: Setting) -> float:
+        """Return the same over noisy images: the median true error of noisy runs relative to nominal's."""
+        return setting.noisy_true_ate / self.nominal.noisy_true_ate - 1
+
+    @property
+    def noisy_oracle(self) -> Setting | None:
+        """Return the best setting by the true errors of noisy runs, None where they are not known."""
+        known = [one for one in self.feasible if math.isfinite(one.noisy_true_ate)]
+        return min(known, key=lambda one: one.noisy_true_ate) if len(known) == len(self.feasible) else None
+
     def knows(self, predictor: Predictor) -> bool:
         """Tell whether a predictor was measured for every feasible setting."""
         return all(math.isfinite(predictor(one)) for one in self.feasible)
@@ -113,11 +126,14 @@ class Outcome:
         if len(set(predicted)) < 2 or len(set(true)) < 2:
             return Agreement(math.nan, math.nan, self.feasible[pick])
         correlation = float(np.corrcoef(predicted, true)[0, 1])
-        return Agreement(correlation, float(stats.spearmanr(predicted, true).statistic), self.feasible[pick])
+        return Agreement(correlation, spearman(predicted, true), self.feasible[pick])
 
 
-def read_outcome(database: Database, experiment: Experiment) -> Outcome | None:
-    """Return a finished experiment, or None where some of its trials are missing."""
+def read_outcome(database: Database, experiment: Experiment, truth: Trajectory | None) -> Outcome | None:
+    """Return a finished experiment, or None where some of its trials are missing.
+
+    ``truth`` is the ground truth of the sequence, None where it is not at hand.
+    """
     if experiment.study not in studies.names(database):
         return None
     study = studies.get(database, experiment.study)
@@ -125,7 +141,7 @@ def read_outcome(database: Database, experiment: Experiment) -> Outcome | None:
         return None
     known = trials.of_study(database, study.id)
     nominal = _matrix(database, experiment, known[0])
-    settings = tuple(_setting(database, experiment, trial, nominal) for trial in known)
+    settings = tuple(_setting(database, experiment, trial, nominal, truth) for trial in known)
     stored = confirmations.of_study(database, study.id)
     if not stored:
         return Outcome(experiment, settings, None, "unconfirmed")
@@ -133,20 +149,23 @@ def read_outcome(database: Database, experiment: Experiment) -> Outcome | None:
     return Outcome(experiment, settings, next(one for one in settings if one.ordinal == adopted), stored[-1].verdict)
 
 
-def _setting(database: Database, experiment: Experiment, trial: trials.Trial, nominal: FloatArray) -> Setting:
+def _setting(
+    database: Database, experiment: Experiment, trial: trials.Trial, nominal: FloatArray, truth: Trajectory | None
+) -> Setting:
     matrix = _matrix(database, experiment, trial)
     used = [use.run for use in runs.of_trial(database, trial.id)]
     clean, noisy = ([run for run in used if run.kind == kind] for kind in ("clean", "noisy"))
     found = trajectories(database, [run.key for run in used])
     clean_poses, noisy_poses = ([found[run.key] for run in group] for group in (clean, noisy))
     errors = [float(run.diagnostics.get("mean_reprojection_error_px", math.nan)) for run in clean]
-    truth = validations.of_study(database, trial.study_id).get(trial.ordinal, [])
+    validated = validations.of_study(database, trial.study_id).get(trial.ordinal, [])
     return Setting(
         ordinal=trial.ordinal,
         value=float((trial.options or {})[experiment.option.name]),
         feasible=bool(trial.feasible),
         coverage=trial.coverage or 0.0,
-        true_ate=next((one.ate for one in truth if one.ate is not None), math.nan),
+        true_ate=next((one.ate for one in validated if one.ate is not None), math.nan),
+        noisy_true_ate=_median_ate(truth, noisy_poses) if trial.feasible else math.nan,
         matrix=matrix,
         collapsed=trial.collapsed_rate or 0.0,
         clean_clean=between(clean_poses),
@@ -155,6 +174,12 @@ def _setting(database: Database, experiment: Experiment, trial: trials.Trial, no
         paired=paired_ratio(nominal, matrix),
         reprojection_px=float(np.mean(errors)),
     )
+
+
+def _median_ate(truth: Trajectory | None, found: Sequence[Trajectory]) -> float:
+    if truth is None:
+        return math.nan
+    return float(np.median([ate(truth, one, alignment="sim3") for one in found]))
 
 
 def _matrix(database: Database, experiment: Experiment, trial: trials.Trial) -> FloatArray:

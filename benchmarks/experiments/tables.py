@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from benchmarks.experiments.findings import share_of_oracle
+from benchmarks.experiments.findings import WORTH_FINDING, share_of_oracle
 from benchmarks.experiments.joint import Joint, sweeps_of
 from benchmarks.experiments.k_delta import Curve, picks
 from benchmarks.experiments.ladder import Ladder
-from benchmarks.experiments.numbers import Table, mean, percent, plain, significant
+from benchmarks.experiments.numbers import Table, mean, percent, plain, significant, spearman
 from benchmarks.experiments.paper import ROWS
 from benchmarks.experiments.plan import AGGREGATE, OPTIONS
 from benchmarks.experiments.settings import AGGREGATES, PREDICTORS, Outcome, Setting
@@ -137,6 +137,39 @@ def shortfall_table(outcomes: Sequence[Outcome]) -> Table:
         "oracle's collapses",
         "noisy runs",
     ], rows
+
+
+def noisy_table(outcomes: Sequence[Outcome]) -> Table:
+    """Return what picks do on noisy images, by ground truth."""
+    predictor = PREDICTORS[AGGREGATE]
+    rows, shares, agreements = [], [], []
+    for outcome in outcomes:
+        oracle = outcome.noisy_oracle
+        if oracle is None:
+            continue
+        pick = outcome.agreement(predictor).pick
+        gain, possible = outcome.noisy_change(pick), outcome.noisy_change(oracle)
+        if possible < -WORTH_FINDING:
+            shares.append(max(gain / possible, -1.0))
+        noisy = [one.noisy_true_ate for one in outcome.feasible]
+        clean = [one.true_ate for one in outcome.feasible]
+        by_score = spearman([predictor(one) for one in outcome.feasible], noisy)
+        agreements.append(by_score)
+        one = outcome.experiment
+        rows.append(
+            [
+                f"{one.sequence} {one.option.short}",
+                percent(outcome.change(pick)),
+                percent(gain),
+                percent(possible),
+                plain(spearman(clean, noisy)),
+                plain(by_score),
+            ]
+        )
+    if rows:
+        share = f"{mean(shares):.0%} of the oracle over {len(shares)} grids" if shares else "-"
+        rows.insert(0, ["average", "", share, "", "", plain(mean(agreements))])
+    return ["experiment", "pick, clean", "pick, noisy", "oracle, noisy", "clean and noisy", "score and noisy"], rows
 
 
 def k_delta_table(curves: Sequence[Curve]) -> Table:

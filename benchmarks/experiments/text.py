@@ -46,6 +46,12 @@ SHORTFALL = (
     "noisy runs do not help: the score prefers another setting than the truth does. Otherwise the last column says how "
     "many would settle which of the two the score prefers (power 80 %)."
 )
+NOISY = (
+    "Ground truth judges clean runs above, and those are one draw: the same settings on images with other noise rank "
+    "differently where settings are near. Here it judges the noisy runs of the same trials, by their median, against "
+    "nominal's. The last columns are rank correlations: of the true errors of clean and of noisy runs with each other, "
+    f"and of the score (`{AGGREGATE}`) with the latter. The first row averages as the summary of predictors does."
+)
 JOINT = (
     "One search over the five options of table 2 with gtf-tune's default sampler, beside the five sweeps of one "
     "option. Someone who does not know which option matters pays for all five sweeps."

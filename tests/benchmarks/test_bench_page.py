@@ -15,6 +15,7 @@ MACHINE = {
     "memory": "4 GiB",
     "system": "Linux",
     "versions": "gtf-tune 0",
+    "speed": "20 million additions a second in Python",
     "load before": "0.1",
 }
 

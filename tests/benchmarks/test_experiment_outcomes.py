@@ -25,14 +25,22 @@ from benchmarks.experiments.plan import (
 )
 from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
 from benchmarks.experiments.stored import outcome_from, stored_curves, stored_ladders, stored_results
-from benchmarks.experiments.tables import joint_table, trap_table
+from benchmarks.experiments.tables import joint_table, noisy_table, trap_table
 from gtf_tune.trajectory import Trajectory
 
 HUBER = Experiment("dtu-scan24", OPTIONS["huber"], 2.0)
 FOUND = {name: Path(name) for name in ("room", "dtu-scan24", "fountain-P11", "hut")}
 
 
-def setting(ordinal: int, true_ate: float, collapsed: int = 0, *, feasible: bool = True, runs: int = 8) -> Setting:
+def setting(
+    ordinal: int,
+    true_ate: float,
+    collapsed: int = 0,
+    *,
+    feasible: bool = True,
+    runs: int = 8,
+    noisy_true_ate: float | None = None,
+) -> Setting:
     """Return a setting whose score follows its true error, except where runs collapsed."""
     matrix = 1e-3 * true_ate * np.exp(0.1 * np.random.default_rng(ordinal).standard_normal((2, runs)))
     matrix[:, :collapsed] *= 300
@@ -42,6 +50,7 @@ def setting(ordinal: int, true_ate: float, collapsed: int = 0, *, feasible: bool
         feasible=feasible,
         coverage=1.0 if feasible else 0.5,
         true_ate=true_ate,
+        noisy_true_ate=true_ate if noisy_true_ate is None else noisy_true_ate,
         matrix=matrix,
         collapsed=collapsed / runs,
         clean_clean=1e-4,
@@ -172,6 +181,21 @@ def test_the_trap_table_says_which_settings_are_infeasible() -> None:
     assert [row[-1] for row in rows] == ["feasible and picked", "infeasible"]
 
 
+def test_the_noisy_table_judges_picks_by_the_truth_of_noisy_runs() -> None:
+    found = outcome(setting(0, 1.0), setting(1, 0.5, noisy_true_ate=0.9), setting(2, 0.7, noisy_true_ate=0.6))
+
+    _, rows = noisy_table([found])
+
+    assert rows[0][2] == "25% of the oracle over 1 grids"
+    assert rows[1] == ["dtu-scan24 huber", "-50.0%", "-10.0%", "-40.0%", "0.50", "0.50"]
+
+
+def test_nothing_is_said_of_noisy_runs_where_their_truth_is_not_known() -> None:
+    found = outcome(setting(0, 1.0), setting(1, 0.5, noisy_true_ate=math.nan))
+
+    assert noisy_table([found])[1] == []
+
+
 def test_a_joint_search_stands_beside_the_sweeps_of_its_sequence() -> None:
     joint = Joint("dtu-scan24", "tpe", 35, 280, 2.0, 1.0, 0.5, {}, "adopt", 1.0)
 
@@ -218,3 +242,4 @@ def test_outcomes_read_back_from_the_results_are_the_same(tmp_path: Path, monkey
     assert [one.true_ate for one in found.settings] == [1.0, 0.5, 0.2]
     assert np.array_equal(found.settings[1].matrix, settings[1].matrix)
     assert [one.feasible for one in found.settings] == [True, True, False]
+    assert [one.noisy_true_ate for one in found.settings] == [1.0, 0.5, 0.2]
