@@ -1,6 +1,7 @@
 """Write figures of the documentation as SVG files."""
 
 import importlib.util
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -18,6 +19,14 @@ def write_svgs(figures: Mapping[str, go.Figure], folder: Path) -> list[str]:
     found = {name: figure for name, figure in figures.items() if figure.data}
     if found:
         folder.mkdir(parents=True, exist_ok=True)
-        paths = [str(folder / f"{name}.svg") for name in found]
-        plotly.io.write_images(list(found.values()), paths, format="svg", width=WIDTH_PX)
+        paths = [folder / f"{name}.svg" for name in found]
+        plotly.io.write_images(list(found.values()), [str(path) for path in paths], format="svg", width=WIDTH_PX)
+        for path in paths:
+            path.write_text(without_chance(path.read_text(encoding="utf-8"), path.stem), encoding="utf-8")
     return list(found)
+
+
+def without_chance(svg: str, name: str) -> str:
+    """Return a drawing of Plotly whose random identifier is ``name``: the same figure is the same file."""
+    drawn = re.search(r'id="defs-([0-9a-f]{6})"', svg)
+    return svg if drawn is None else svg.replace(drawn[1], name)
