@@ -8,7 +8,7 @@ from benchmarks.experiments.k_delta import Curve
 from benchmarks.experiments.ladder import Ladder
 from benchmarks.experiments.numbers import mean
 from benchmarks.experiments.plan import AGGREGATE
-from benchmarks.experiments.settings import PREDICTORS, Outcome
+from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
 from benchmarks.experiments.several import Candidate
 
 WORTH_FINDING = 0.03
@@ -43,5 +43,18 @@ def share_of_oracle(outcomes: Sequence[Outcome], predictor: str = AGGREGATE) -> 
     """
     chosen = PREDICTORS[predictor]
     worth = [one for one in outcomes if one.change(one.oracle) < -WORTH_FINDING and one.knows(chosen)]
-    shares = [max(one.change(one.agreement(chosen).pick) / one.change(one.oracle), -1.0) for one in worth]
-    return mean(shares), len(worth)
+    return _mean_share(worth, [one.agreement(chosen).pick for one in worth]), len(worth)
+
+
+def share_of_verdicts(outcomes: Sequence[Outcome]) -> tuple[float, int]:
+    """Return the same for what confirmations adopted, nominal where they kept it, over confirmed grids."""
+    worth = [one for one in outcomes if one.change(one.oracle) < -WORTH_FINDING]
+    found = [(one, one.adopted) for one in worth if one.adopted is not None]
+    return _mean_share([one for one, _ in found], [adopted for _, adopted in found]), len(found)
+
+
+def _mean_share(outcomes: Sequence[Outcome], taken: Sequence[Setting]) -> float:
+    shares = [
+        max(one.change(setting) / one.change(one.oracle), -1.0) for one, setting in zip(outcomes, taken, strict=True)
+    ]
+    return mean(shares)

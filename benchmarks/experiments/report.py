@@ -8,7 +8,7 @@ from typing import Any
 
 from benchmarks.experiments import tables, text
 from benchmarks.experiments.figures import FOLDER, write_figures
-from benchmarks.experiments.findings import AIM, WORTH_FINDING, Findings, share_of_oracle
+from benchmarks.experiments.findings import AIM, WORTH_FINDING, Findings, share_of_oracle, share_of_verdicts
 from benchmarks.experiments.numbers import known, part, percent
 from benchmarks.experiments.plan import FRAMES
 from benchmarks.experiments.settings import PREDICTORS, Outcome
@@ -85,6 +85,11 @@ def _introduction(findings: Findings) -> str:
             f"* Of the oracle's gain, where it exceeds {WORTH_FINDING:.0%} ({count} grids), picks reach "
             f"{reached:.0%} on average; the aim of {AIM:.0%} is {'met' if reached >= AIM else 'missed'}. The reasons "
             "are below, grid by grid."
+        )
+    reached, count = share_of_verdicts(outcomes)
+    if count:
+        lines.append(
+            f"* Of the {count} of these grids that are confirmed, what the confirmation took reaches {reached:.0%}."
         )
     if missing:
         lines.append(f"* Not measured yet: {', '.join(missing)}.")

@@ -10,7 +10,7 @@ from benchmarks.experiments import report
 from benchmarks.experiments.ablation import ablation
 from benchmarks.experiments.estimators import between, dispersion, paired_ratio
 from benchmarks.experiments.figures import gains, k_delta, noise, options
-from benchmarks.experiments.findings import Findings, share_of_oracle
+from benchmarks.experiments.findings import Findings, share_of_oracle, share_of_verdicts
 from benchmarks.experiments.joint import Joint
 from benchmarks.experiments.k_delta import curve, picks, r_squared_by_count
 from benchmarks.experiments.ladder import Ladder, Rung
@@ -171,6 +171,14 @@ def test_a_loss_counts_as_the_whole_gain_at_the_most() -> None:
     share, grids = share_of_oracle([replace(found, settings=(*found.settings[:2], worst))], "paired")
 
     assert (share, grids) == (-1.0, 1)
+
+
+def test_a_verdict_that_keeps_nominal_reaches_nothing_of_the_oracles_gain() -> None:
+    settings = [setting(0, 1.0), setting(1, 0.5)]
+    kept = outcome(*settings, adopted=settings[0], verdict="keep nominal")
+    taken = outcome(*settings, adopted=settings[1], verdict="adopt")
+
+    assert share_of_verdicts([kept, taken, outcome(*settings)]) == (0.5, 2)
 
 
 def test_the_trap_table_says_which_settings_are_infeasible() -> None:
