@@ -21,6 +21,7 @@ from gtf_tune.execution import FreshStages
 from gtf_tune.pipelines import OptionValue, PipelineJob
 from gtf_tune.pipelines.analytic import AnalyticPipeline, create, imaginary_sequence
 from gtf_tune.pipelines.run import RunKind
+from gtf_tune.study.coverage import CoverageFloor
 from gtf_tune.study.objective import FinishedRun, SequenceScore, score_sequence
 from gtf_tune.study.plan import RunPlanner
 from gtf_tune.study.sampler import make_sampler
@@ -108,7 +109,13 @@ class BareStudy:
         score = SequenceScore(None, coverage, self.floor - coverage)
         while coverage >= self.floor and len(noisy) < decision.noisy_runs:
             noisy += [self._run(options, ("noisy", index)) for index in range(len(noisy), decision.noisy_runs)]
-            score = score_sequence(clean, noisy, num_frames=len(SEQUENCE), floor=self.floor, gtf=self.definition.gtf)
+            score = score_sequence(
+                clean,
+                noisy,
+                num_frames=len(SEQUENCE),
+                floor=CoverageFloor(self.floor, self.floor),
+                gtf=self.definition.gtf,
+            )
             own = score.score.instance_values.tolist() if score.score and score.feasible else []
             decision = self.sizing.next(Standing(own, self.incumbent))
         return score, decision

@@ -8,9 +8,9 @@ import numpy as np
 
 from gtf_tune.alignment import MIN_MATCHED, umeyama
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.gtf.collapse import far_from_median
 from gtf_tune.metrics import pairwise_matrix
 from gtf_tune.trajectory import FloatArray, Trajectory
+from gtf_tune.two_way import far_from_median
 
 _ROUNDS = 5
 

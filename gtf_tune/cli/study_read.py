@@ -226,18 +226,22 @@ def _write_pick(found: "Pick", recommended: "Recommendation", definition: "Study
     unit = definition_unit(definition)
     symbol = unit.short
     pairs = {}
-    if found.nominal is not None:
+    if found.nominal is not None and found.nominal.feasible:
         pairs["nominal"] = (
             f"{unit.name} {unit.text(found.nominal.value)} {symbol}{' of the extent' if symbol == '‰' else ''}"
         )
+    elif found.nominal is not None:
+        pairs["nominal"] = f"infeasible: {found.nominal.message}"
     if found.best is not None:
         pairs["best"] = f"{unit.name} {unit.text(found.best.value)} {symbol} (trial {found.best.ordinal})"
     gain = found.improvement
     if found.is_nominal:
         pairs["improvement"] = "none: nothing beats the nominal setting"
-    elif gain is not None:
+    elif gain is not None and gain.instances > 1:
         bounds = f"95 % interval {percent(-gain.high)} to {percent(-gain.low)}"
         pairs["change"] = f"{percent(-gain.value)} ({bounds}, {gain.instances} noisy runs, paired)"
+    elif gain is not None and gain.instances:
+        pairs["change"] = f"{percent(-gain.value)} (one noisy run: no interval)"
     pairs["verdict"] = _verdict(recommended)
     write_pairs(pairs)
     write_line("")

@@ -24,6 +24,7 @@ from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.trajectory import Trajectory
 
 _KILLED_TRIES = 3
+_KILLED_FROM_OUTSIDE = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 _MEMORY_MARGIN = 1.1
 _WATCH_S = 1.0
 
@@ -207,7 +208,7 @@ class LocalExecutor:
             return _failure(item, f"no result within {item.limits.timeout_s:g} s (limits.run_timeout_s)"), None
         if isinstance(error, ProcessExpired | BrokenProcessPool):
             exitcode = error.exitcode or 0 if isinstance(error, ProcessExpired) else -signal.SIGKILL
-            if exitcode == -signal.SIGKILL and item.tries < _KILLED_TRIES:
+            if -exitcode in _KILLED_FROM_OUTSIDE and item.tries < _KILLED_TRIES:
                 return None, None
             return _failure(item, _death(exitcode, item.tries)), None
         return None, error
@@ -242,4 +243,6 @@ def _death(exitcode: int, tries: int) -> str:
     name = signal.Signals(-exitcode).name
     if name == "SIGKILL":
         return f"the run was killed {tries} times (SIGKILL), most likely for want of memory"
+    if -exitcode in _KILLED_FROM_OUTSIDE:
+        return f"the run was ended from outside {tries} times ({name})"
     return f"the pipeline crashed its process ({name})"

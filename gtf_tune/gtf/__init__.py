@@ -1,7 +1,7 @@
 """Score a setting without ground truth: by how much noisy runs differ from clean ones."""
 
 from gtf_tune.gtf.aggregate import Aggregate, aggregate_instances, aggregate_matrix
-from gtf_tune.gtf.collapse import find_collapsed
+from gtf_tune.gtf.collapse import common_collapses, find_collapsed
 from gtf_tune.gtf.comparison import PairedDifference, holm, paired_difference
 from gtf_tune.gtf.score import GtfScore, gtf_score
 from gtf_tune.gtf.settings import GtfMetric, GtfSettings, Normalise
@@ -17,6 +17,7 @@ __all__ = [
     "PairedDifference",
     "aggregate_instances",
     "aggregate_matrix",
+    "common_collapses",
     "estimate",
     "find_collapsed",
     "gtf_score",

@@ -9,15 +9,7 @@ import math
 import numpy as np
 
 from gtf_tune.trajectory import BoolArray, FloatArray
-
-COLLAPSE_FACTOR = 5.0
-"""Times the median error below which no run counts as collapsed; healthy runs spread by about a third."""
-
-COLLAPSE_DEVIATIONS = 3.5
-"""Robust standard deviations of the logarithm above the median from which on a run counts as collapsed."""
-
-_MAD_TO_DEVIATION = 1.4826
-_FEWEST = 3
+from gtf_tune.two_way import far_above_either_median, far_above_median
 
 
 def find_collapsed(matrix: FloatArray, noisy_noisy: FloatArray | None = None) -> BoolArray:
@@ -45,26 +37,18 @@ def find_collapsed(matrix: FloatArray, noisy_noisy: FloatArray | None = None) ->
     return collapsed | far_above_median(_medians(others))
 
 
-def far_above_median(values: FloatArray) -> BoolArray:
-    """Return which of the non-negative values, (n,), lie far above the median; NaN never does."""
-    deviations, limit = _deviations(np.log(np.maximum(values, np.finfo(np.float64).tiny)))
-    return deviations > limit
+def common_collapses(a: FloatArray, b: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Return which noisy runs collapsed under two settings by one limit, (k_delta,) each.
 
+    What is far out under the more precise setting is far out under both: where most runs of a setting collapse its own
+    median cannot tell, and a run that is as good as the other setting's usual ones is no collapse to hold against it.
 
-def far_from_median(logarithms: FloatArray) -> BoolArray:
-    """Return which of the logarithms, (n,), lie far from their median on either side; NaN never does."""
-    deviations, limit = _deviations(logarithms)
-    return np.abs(deviations) > limit
-
-
-def _deviations(logarithms: FloatArray) -> tuple[FloatArray, float]:
-    """Return the deviations from the median, 0 for NaN, and the size from which on they are far."""
-    known = ~np.isnan(logarithms)
-    if known.sum() < _FEWEST:
-        return np.zeros(len(logarithms)), math.inf
-    deviations = np.where(known, logarithms - np.median(logarithms[known]), 0.0)
-    spread = _MAD_TO_DEVIATION * float(np.median(np.abs(deviations[known])))
-    return deviations, max(math.log(COLLAPSE_FACTOR), COLLAPSE_DEVIATIONS * spread)
+    Parameters
+    ----------
+    a, b
+        (k, k_delta) errors of noisy against clean runs, NaN where a pair failed.
+    """
+    return far_above_either_median(_smallest(a), _smallest(b))
 
 
 def _smallest(matrix: FloatArray) -> FloatArray:

@@ -15,13 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtr
 
-from gtf_tune.errors import TrajectoryError
-from gtf_tune.gtf.collapse import far_from_median
 from gtf_tune.gtf.score import GtfScore
-from gtf_tune.gtf.uncertainty import CONFIDENCE, Spread, two_way_spread
+from gtf_tune.gtf.uncertainty import CONFIDENCE, half_width
 from gtf_tune.trajectory import BoolArray, FloatArray
-
-_FEWEST = 2
+from gtf_tune.two_way import Spread, compared_table, two_way_spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +70,9 @@ def paired_difference(a: GtfScore, b: GtfScore, confidence: float = CONFIDENCE) 
     TrajectoryError
         The numbers of clean runs differ, or fewer than two noise instances can be compared.
     """
-    table, left_out = _comparable(a, b)
+    table, left_out = compared_table(a.matrix, b.matrix)
     spread, center = two_way_spread(table), float(table.mean())
-    half = spread.half_width(confidence)
+    half = half_width(spread, confidence)
     return PairedDifference(
         ratio=math.exp(center),
         low=math.exp(center - half),
@@ -96,34 +93,6 @@ def holm(p_values: Sequence[float]) -> FloatArray:
     adjusted = np.empty_like(raw)
     adjusted[order] = np.minimum(scaled, 1.0)
     return adjusted
-
-
-def _comparable(a: GtfScore, b: GtfScore) -> tuple[FloatArray, BoolArray]:
-    """Return the table of log error ratios, (k, n >= 2), and which of the common noise instances it leaves out."""
-    logarithms = _log_ratios(a, b)
-    failed = np.asarray(np.isnan(logarithms).any(axis=0))
-    far = far_from_median(np.where(failed, np.nan, logarithms.sum(axis=0) / max(len(logarithms), 1)))
-    left_out = failed | far
-    table = logarithms[:, ~left_out]
-    if not len(table) or table.shape[1] < _FEWEST:
-        worked = table.shape[1] if len(table) else 0
-        raise TrajectoryError(
-            f"expected at least {_FEWEST} noise instances that worked under both settings, not {worked}; add noisy runs"
-        )
-    return table, left_out
-
-
-def _log_ratios(a: GtfScore, b: GtfScore) -> FloatArray:
-    """Return log(error b / error a) of the pairs that both have; NaN where either failed or has no error at all.
-
-    Clean runs that failed as a whole under one of the settings are left out.
-    """
-    if len(a.matrix) != len(b.matrix):
-        raise TrajectoryError(f"expected as many clean runs of both settings, not {len(a.matrix)} and {len(b.matrix)}")
-    common = min(a.matrix.shape[1], b.matrix.shape[1])
-    first, second = (np.where(one.matrix[:, :common] > 0, one.matrix[:, :common], np.nan) for one in (a, b))
-    logarithms: FloatArray = np.log(second) - np.log(first)
-    return logarithms[~np.isnan(logarithms).all(axis=1)]
 
 
 def _p_value(center: float, spread: Spread) -> float:

@@ -1,8 +1,7 @@
 """Say how far a score can be trusted.
 
 Pairs (clean i, noisy j) are not independent: all pairs of a clean run share it, and so do all pairs of a noisy run. The
-variance of a mean over a (k, k_delta) matrix is therefore that of a two-way table with random rows and columns (Searle,
-Casella, McCulloch, "Variance components", 1992, ch. 4).
+variance of a mean over a (k, k_delta) matrix is therefore that of a two-way table (`gtf_tune.two_way`).
 
 `benchmarks/interval_coverage.py` measures how often these intervals hold the truth and is the reason for each choice
 here. With k = 2 and k_delta = 4 to 12 the 95 % interval does so in 94 to 97 % (98 % for medians of few runs). When 5 %
@@ -18,6 +17,7 @@ from scipy.special import stdtrit
 
 from gtf_tune.gtf.aggregate import Aggregate, aggregate_last_axis, aggregate_matrix
 from gtf_tune.trajectory import FloatArray
+from gtf_tune.two_way import Spread, combined, two_way_spread
 
 CONFIDENCE = 0.95
 RESAMPLES = 1000
@@ -33,16 +33,9 @@ class Estimate:
     high: float
 
 
-@dataclass(frozen=True)
-class Spread:
-    """Hold the variance of an estimate and the degrees of freedom of that variance."""
-
-    variance: float
-    freedom: float
-
-    def half_width(self, confidence: float = CONFIDENCE) -> float:
-        """Return half the width of the Student-t interval."""
-        return float(stdtrit(self.freedom, (1 + confidence) / 2)) * math.sqrt(self.variance)
+def half_width(spread: Spread, confidence: float = CONFIDENCE) -> float:
+    """Return half the width of the Student-t interval of an estimate."""
+    return float(stdtrit(spread.freedom, (1 + confidence) / 2)) * math.sqrt(spread.variance)
 
 
 def estimate(
@@ -71,7 +64,7 @@ def estimate(
         return Estimate(value, math.nan, math.nan, math.nan)
     spread = _log_spread(table, aggregate, generator)
     with np.errstate(over="ignore"):
-        factor = float(np.exp(spread.half_width(confidence)))
+        factor = float(np.exp(half_width(spread, confidence)))
     return Estimate(value, value * math.sqrt(spread.variance), value / factor, value * factor)
 
 
@@ -79,23 +72,6 @@ def complete_table(matrix: FloatArray) -> FloatArray:
     """Return the rows that hold any number and, of these, the columns without NaN."""
     rows = matrix[~np.isnan(matrix).all(axis=1)]
     return rows[:, ~np.isnan(rows).any(axis=0)]
-
-
-def two_way_spread(table: FloatArray) -> Spread:
-    """Return the spread of the mean of a complete (k, k_delta >= 2) table with random rows and columns.
-
-    Var(mean) = (MS_rows + MS_columns - MS_rest) / (k k_delta), where the rows' share, MS_rows - MS_rest, is set to 0
-    where it comes out negative. With one row the rows' share is unknown and left out.
-    """
-    rows, columns = table.shape
-    mean, row_means, column_means = table.mean(), table.mean(axis=1), table.mean(axis=0)
-    between_columns = rows * float(column_means.var(ddof=1))
-    between_rows = 0.0
-    if rows > 1:
-        rest = table - row_means[:, np.newaxis] - column_means + mean
-        mean_square_rest = float((rest**2).sum()) / ((rows - 1) * (columns - 1))
-        between_rows = max(columns * float(row_means.var(ddof=1)) - mean_square_rest, 0.0)
-    return _combined(between_columns / table.size, columns - 1, between_rows / table.size, rows - 1)
 
 
 def _log_spread(table: FloatArray, aggregate: Aggregate, generator: np.random.Generator) -> Spread:
@@ -110,17 +86,9 @@ def _log_spread(table: FloatArray, aggregate: Aggregate, generator: np.random.Ge
     resampled = np.log(aggregate_last_axis(table.T[picks].reshape(RESAMPLES, table.size), aggregate))
     # Resampling n values with replacement has the variance of n - 1.
     noisy = float(np.var(resampled)) * columns / (columns - 1)
-    return _combined(noisy, columns - 1, _rows_share(np.log(table)), rows - 1)
+    return combined(noisy, columns - 1, _rows_share(np.log(table)), rows - 1)
 
 
 def _rows_share(table: FloatArray) -> float:
     by_rows_and_columns, by_columns = two_way_spread(table), two_way_spread(table.mean(axis=0, keepdims=True))
     return max(by_rows_and_columns.variance - by_columns.variance, 0.0)
-
-
-def _combined(columns: float, columns_freedom: int, rows: float, rows_freedom: int) -> Spread:
-    """Add two variances, with the degrees of freedom of the sum (Satterthwaite, Biometrics Bulletin 2, 1946)."""
-    if rows == 0:
-        return Spread(columns, columns_freedom)
-    weight = rows / (rows + columns)
-    return Spread(rows + columns, 1 / (weight**2 / rows_freedom + (1 - weight) ** 2 / columns_freedom))

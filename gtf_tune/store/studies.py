@@ -252,15 +252,16 @@ def delete_study(database: Database, name: str) -> None:
 
 
 def _delete(session: Session, study_id: int) -> None:
-    definitions = session.scalars(
-        select(models.Confirmation.definition).where(models.Confirmation.study_id == study_id)
-    )
-    confirmed = [key for definition in definitions for key in definition.get("run_keys", ())]
+    kept: set[str] = set()
+    confirmed: set[str] = set()
+    for owner, definition in session.execute(select(models.Confirmation.study_id, models.Confirmation.definition)):
+        (confirmed if owner == study_id else kept).update(definition.get("run_keys", ()))
     used = select(models.TrialRun.run_id).join(models.Trial, models.Trial.id == models.TrialRun.trial_id)
     here, elsewhere = used.where(models.Trial.study_id == study_id), used.where(models.Trial.study_id != study_id)
     for statement in (
         delete(models.Run).where(
-            or_(models.Run.id.in_(here), models.Run.key.in_(confirmed)), models.Run.id.not_in(elsewhere)
+            or_(models.Run.id.in_(here), models.Run.key.in_(confirmed - kept)),
+            models.Run.id.not_in(elsewhere),
         ),
         delete(models.Study).where(models.Study.id == study_id),
     ):

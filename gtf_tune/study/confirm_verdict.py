@@ -2,7 +2,9 @@
 
 A candidate is adopted only if all of this holds: it is better over the searched sequences, significantly so after
 correction for the number of candidates (Holm), and by 2 % at the least; no sequence, held out or not, is significantly
-worse; every run reaches the coverage floor; no more noisy runs collapse than under nominal. Of several such candidates
+worse; no more runs than under nominal miss the coverage floor; no more noisy runs collapse, by one limit for both
+(`common_collapses`). Where nominal itself does not work there is nothing to compare with, and no verdict. Of several
+such candidates
 the one is adopted whose improvement is surest: its 95 % interval begins highest. A larger improvement with a wide
 interval is more often luck, and runs that scatter more are what nobody wants.
 """
@@ -16,9 +18,11 @@ import numpy as np
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.gtf import GtfScore, PairedDifference, holm, paired_difference
+from gtf_tune.gtf import GtfScore, PairedDifference, common_collapses, holm, paired_difference
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.study.verdicts import ADOPT, KEEP
+from gtf_tune.study.coverage import CoverageFloor, coverage_floor
+from gtf_tune.study.verdicts import ADOPT, KEEP, NO_VERDICT
+from gtf_tune.two_way import over_sequences
 
 SIGNIFICANCE = 0.05
 
@@ -70,7 +74,7 @@ def judge(findings: Findings, gtf: GtfDefinition) -> dict[str, Any]:
     rows = [_row(one, float(p), nominal, findings.holdouts) for one, p in zip(compared, adjusted, strict=True)]
     adopted = max((row for row in rows if row["verdict"] == ADOPT), key=lambda row: row["low"], default=None)
     return {
-        "verdict": ADOPT if adopted else KEEP,
+        "verdict": ADOPT if adopted else NO_VERDICT if _fails(nominal, findings.holdouts) else KEEP,
         "adopted": adopted["ordinal"] if adopted else None,
         "candidates": rows,
         "nominal": {
@@ -79,6 +83,12 @@ def judge(findings: Findings, gtf: GtfDefinition) -> dict[str, Any]:
             "by_sequence": {name: _facts(score) for name, score in nominal.scores.items()},
         },
     }
+
+
+def _fails(measured: Measured, holdouts: frozenset[str]) -> bool:
+    """Tell whether a setting has no single error on one of the searched sequences."""
+    searched = [score for name, score in measured.scores.items() if name not in holdouts]
+    return any(bool(np.isnan(score.matrix).all()) for score in searched)
 
 
 def _compare(nominal: Measured, candidate: Measured, holdouts: frozenset[str], gtf: GtfDefinition) -> _Compared:
@@ -95,16 +105,12 @@ def _compare(nominal: Measured, candidate: Measured, holdouts: frozenset[str], g
 
 
 def joined(scores: Sequence[GtfScore]) -> GtfScore:
-    """Return one score over sequences: pair by pair the geometric mean of errors, collapsed where any sequence did.
-
-    Ratios of two such scores are the geometric mean over sequences of ratios, whatever the units are. Noise instances
-    of different sequences are independent, so which of them are put together does not matter.
-    """
-    if len(scores) == 1:
-        return scores[0]
-    with np.errstate(divide="ignore"):
-        matrix = np.exp(np.mean([np.log(one.matrix) for one in scores], axis=0))
-    return replace(scores[0], matrix=matrix, collapsed=np.any([one.collapsed for one in scores], axis=0))
+    """Return one score over sequences (see `over_sequences`), collapsed where any sequence did."""
+    return replace(
+        scores[0],
+        matrix=over_sequences([one.matrix for one in scores]),
+        collapsed=np.any([one.collapsed for one in scores], axis=0),
+    )
 
 
 def _difference(nominal: GtfScore, candidate: GtfScore) -> PairedDifference | None:
@@ -119,16 +125,12 @@ def _is_worse(found: PairedDifference) -> bool:
 
 
 def _faults(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinition) -> list[str]:
-    floor = gtf.coverage_floor * float(nominal.coverage_clean.min())
-    coverage = _least_coverage(candidate)
-    found = []
-    if coverage < floor:
-        found.append(f"a run on {name} registered {coverage:.0%} of the frames, less than {floor:.0%}")
-    if candidate.collapsed.sum() > nominal.collapsed.sum():
-        count = candidate.collapsed.size
+    found = _lost_frames(name, nominal, candidate, gtf)
+    of_nominal, of_candidate = common_collapses(nominal.matrix, candidate.matrix)
+    if of_candidate.sum() > of_nominal.sum():
         found.append(
-            f"{int(candidate.collapsed.sum())} of {count} noisy runs on {name} collapsed, "
-            f"{int(nominal.collapsed.sum())} under nominal"
+            f"{int(of_candidate.sum())} of {of_candidate.size} noisy runs on {name} collapsed, "
+            f"{int(of_nominal.sum())} under nominal"
         )
     new_errors = [reason for pair, reason in candidate.pair_errors.items() if pair not in nominal.pair_errors]
     if new_errors:
@@ -136,9 +138,31 @@ def _faults(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinitio
     return found
 
 
+def _lost_frames(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinition) -> list[str]:
+    """Return what is wrong where more runs of the candidate than of nominal miss the floor that nominal sets."""
+    clean, noisy = nominal.coverage_clean.tolist(), nominal.coverage_noisy.tolist()
+    floor = coverage_floor(clean, noisy, gtf.coverage_floor)
+    missing = [_missing(one, floor) for one in (nominal, candidate)]
+    if sum(gap > 0 for gap, _, _ in missing[1]) <= sum(gap > 0 for gap, _, _ in missing[0]):
+        return []
+    _, coverage, wanted = max(missing[1])
+    return [f"a run on {name} registered {coverage:.0%} of the frames, less than {wanted:.0%}"]
+
+
+def _missing(score: GtfScore, floor: CoverageFloor) -> list[tuple[float, float, float]]:
+    """Return for every run how much it lacks, its coverage, and its floor."""
+    runs = [
+        *((one, floor.clean) for one in score.coverage_clean.tolist()),
+        *((one, floor.noisy) for one in score.coverage_noisy.tolist()),
+    ]
+    return [(wanted - coverage, coverage, wanted) for coverage, wanted in runs]
+
+
 def _row(one: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> dict[str, Any]:
     reasons = list(one.faults)
-    if one.together is None:
+    if one.together is None and _fails(nominal, holdouts):
+        reasons.append("cannot be compared with nominal, none of whose runs worked")
+    elif one.together is None:
         reasons.append("cannot be compared with nominal: too few runs worked under both")
     elif one.together.ratio >= 1 or adjusted >= SIGNIFICANCE:
         reasons.append("not significantly better than nominal")

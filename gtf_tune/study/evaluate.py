@@ -5,12 +5,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from gtf_tune.alignment import MIN_MATCHED
 from gtf_tune.definition import GtfDefinition, LimitsDefinition, SideMetricDefinition
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.sequence import Sequence
+from gtf_tune.study.coverage import least_floor
 from gtf_tune.study.evaluation import run_limits
 from gtf_tune.study.objective import FinishedRun, SequenceScore, score_sequence
 from gtf_tune.study.plan import RunPlanner, run_order
@@ -83,7 +83,7 @@ def evaluate_setting(
         on_run(f"{kind} run {index}: {outcome.error or f'{len(outcome.trajectory)} frames, {outcome.wall_s:.1f} s'}")
     clean = [run for (kind, _), run in finished.items() if kind == "clean"]
     noisy = [run for (kind, _), run in finished.items() if kind == "noisy"]
-    score = score_sequence(clean, noisy, num_frames=len(sequence), floor=MIN_MATCHED / len(sequence), gtf=gtf)
+    score = score_sequence(clean, noisy, num_frames=len(sequence), floor=least_floor(len(sequence)), gtf=gtf)
     return Evaluation(score, _true_error(sequence, clean, setting.side_metric), setting.side_metric)
 
 

@@ -120,6 +120,8 @@ class _Batch:
             outcome = future.result()
         except CancelledError:
             return
+        if outcome.status != "ok" and self.source.stop.level:
+            return  # who stops us, as batch systems and systemd do, may have ended the run too
         request = self.requests[slot]
         key = request.key if outcome.status == "ok" else failed_key(request, self.source.limits)
         run = runs.save(self.source.database, request, outcome, key)

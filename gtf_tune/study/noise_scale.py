@@ -138,8 +138,9 @@ def _linear_range(levels: Sequence[NoiseLevel], responses: Sequence[float]) -> l
     for level, response in zip(levels, responses, strict=True):
         visible = math.isfinite(response)
         deviates = bool(logs) and visible and abs(math.log(response) - float(np.mean(logs))) > LINEAR_WITHIN
-        ended = ended or deviates or not level.is_sound
-        inside.append(visible and not ended)
+        # A run that fell apart under the weakest noise is bad luck: stronger noise shows whether the response holds.
+        ended = ended or deviates or (bool(logs) and not level.is_sound)
+        inside.append(visible and level.is_sound and not ended)
         if inside[-1]:
             logs.append(math.log(response))
     return inside
@@ -155,6 +156,9 @@ def _recommend(levels: Sequence[NoiseLevel], ratios: Sequence[float], linear: Se
     if good:
         return good[0][0], "the only noise in the linear range"
     sound = [one for one in levels if one.is_sound]
+    visible = [one for one, ratio in zip(levels, ratios, strict=True) if one.is_sound and not math.isnan(ratio)]
+    if visible:
+        return visible[0], "the weakest noise that shows above run-to-run differences and leaves every run intact"
     if sound:
         return sound[-1], "the strongest noise without a failed run; it does not show above run-to-run differences"
     raise TrajectoryError(

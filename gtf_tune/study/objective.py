@@ -11,9 +11,14 @@ import numpy as np
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.gtf import GtfScore, GtfSettings, gtf_score
-from gtf_tune.trajectory import Trajectory
+from gtf_tune.study.coverage import CoverageFloor
+from gtf_tune.trajectory import IntArray, Trajectory
 
 _UNBOUNDED_PENALTY = 1e6
+_JUST_VIOLATED = 1e-9
+
+LEAST_COMMON = 0.5
+"""Part of the frames of the shorter of two runs that both must have registered."""
 
 
 @dataclass(frozen=True)
@@ -104,19 +109,28 @@ def settings_of(gtf: GtfDefinition) -> GtfSettings:
 
 
 def score_sequence(
-    clean: Sequence[FinishedRun], noisy: Sequence[FinishedRun], *, num_frames: int, floor: float, gtf: GtfDefinition
+    clean: Sequence[FinishedRun],
+    noisy: Sequence[FinishedRun],
+    *,
+    num_frames: int,
+    floor: CoverageFloor,
+    gtf: GtfDefinition,
 ) -> SequenceScore:
     """Return the score of one sequence from its runs, in the order in which they count.
 
-    ``floor`` is the least coverage, a fraction of ``num_frames``, that every run must reach.
+    Every run must reach ``floor``, and each noisy run must share half of its frames, or of those of the clean run if
+    these are fewer, with every clean run: the error over a few common frames says nothing of the rest.
     """
-    runs = [*clean, *noisy]
-    coverages = [len(run.trajectory) / num_frames for run in runs]
+    runs = [*((run, floor.clean) for run in clean), *((run, floor.noisy) for run in noisy)]
+    coverages = [len(run.trajectory) / num_frames for run, _ in runs]
     coverage = min(coverages)
-    errors = [run.error for run in runs if run.error]
-    if coverage < floor or errors:
-        message = errors[0] if errors else f"a run registered {coverage:.0%} of the frames, less than {floor:.0%}"
-        return SequenceScore(None, coverage, max(floor - coverage, 1e-9), message)
+    errors = [run.error for run, _ in runs if run.error]
+    missing, worst, wanted = max(
+        (wanted - found, found, wanted) for found, (_, wanted) in zip(coverages, runs, strict=True)
+    )
+    if missing > 0 or errors:
+        message = errors[0] if errors else f"a run registered {worst:.0%} of the frames, less than {wanted:.0%}"
+        return SequenceScore(None, coverage, max(missing, _JUST_VIOLATED), message)
     score = gtf_score(
         [run.trajectory for run in clean], [run.trajectory for run in noisy], settings_of(gtf), num_frames=num_frames
     )
@@ -124,7 +138,21 @@ def score_sequence(
         reason = next(iter(score.pair_errors.values()))
         failing = len(score.pair_errors) / (len(clean) * len(noisy))
         return SequenceScore(score, coverage, failing, reason)
-    return SequenceScore(score, coverage, min(floor - coverage, 0.0))
+    common, shorter = _least_common(score.matched, clean, noisy)
+    if common < LEAST_COMMON * shorter:
+        reason = f"a noisy run shares {common} of its frames with a clean one, less than half of {shorter}"
+        return SequenceScore(score, coverage, max(LEAST_COMMON - common / shorter, _JUST_VIOLATED), reason)
+    return SequenceScore(score, coverage, min(missing, 0.0))
+
+
+def _least_common(matched: IntArray, clean: Sequence[FinishedRun], noisy: Sequence[FinishedRun]) -> tuple[int, int]:
+    """Return the pair of runs that shares the smallest part of its frames: these, and the frames of the shorter run."""
+    if not matched.size:
+        return 1, 1
+    lengths = [np.array([len(run.trajectory) for run in runs]) for runs in (clean, noisy)]
+    shorter = np.minimum.outer(*lengths)
+    worst = np.unravel_index(int(np.argmin(matched / shorter)), matched.shape)
+    return int(matched[worst]), int(shorter[worst])
 
 
 def score_trial(
@@ -141,7 +169,7 @@ def score_trial(
         name, worst = max(infeasible.items(), key=lambda item: item[1].violation)
         message = worst.message if len(by_sequence) == 1 else f"{name}: {worst.message}"
         value = penalty(gtf, len(by_sequence)) * (2.0 - coverage)
-        return TrialScore(value, max(worst.violation, 1e-9), coverage, message, by_sequence)
+        return TrialScore(value, max(worst.violation, _JUST_VIOLATED), coverage, message, by_sequence)
     violation = max(one.violation for one in by_sequence.values())
     value = _combine(by_sequence, nominal)
     return TrialScore(value, violation, coverage, "", by_sequence)
@@ -162,4 +190,6 @@ def _combine(by_sequence: Mapping[str, SequenceScore], nominal: Mapping[str, flo
     if len(values) == 1:
         return next(iter(values.values()))
     reference = nominal or values
-    return float(np.exp(np.mean([math.log(values[name] / reference[name]) for name in values])))
+    tiny = np.finfo(np.float64).tiny  # errors of exactly 0, as pipelines that do not react to noise have
+    ratios = [max(values[name], tiny) / max(reference[name], tiny) for name in values]
+    return float(np.exp(np.mean([math.log(ratio) for ratio in ratios])))

@@ -1,21 +1,29 @@
 """Read a study's outcome: nominal, best, and what choosing the best is worth."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
+from gtf_tune.errors import TrajectoryError
 from gtf_tune.store import trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.student import upper_95
+
+if TYPE_CHECKING:
+    from gtf_tune.trajectory import FloatArray
+
+_LARGEST_LOG = 700.0
 
 
 @dataclass(frozen=True)
 class Improvement:
     """Hold how much smaller the best score is than nominal's: a fraction, positive where the best trial is better.
 
-    ``low`` and ``high`` bound it with 95 % confidence, paired by noise instance; NaN with fewer than two instances. The
-    interval knows nothing of the search having picked the best of many, so it is optimistic until confirmed.
+    ``low`` and ``high`` bound it with 95 % confidence, paired by noise instance; NaN with fewer than two instances that
+    worked under both. The interval knows nothing of the search having picked the best of many, so it is optimistic
+    until confirmed.
     """
 
     value: float
@@ -38,6 +46,9 @@ class Pick:
         return self.best is not None and self.best.ordinal == 0
 
 
+_UNKNOWN = Improvement(math.nan, math.nan, math.nan, 0)
+
+
 def pick(database: Database, study_id: int) -> Pick:
     """Return the pick of a study as it stands: the feasible trial of the smallest value."""
     nominal = trials.nominal(database, study_id)
@@ -47,26 +58,51 @@ def pick(database: Database, study_id: int) -> Pick:
     if nominal is None or best is None or not nominal.feasible:
         return Pick(nominal, best, None)
     details = trials.details(database, [nominal.id, best.id])
-    return Pick(nominal, best, improvement(details[nominal.id]["instances"], details[best.id]["instances"]))
+    return Pick(nominal, best, improvement(details[nominal.id], details[best.id]))
 
 
-def improvement(nominal: Sequence[float], best: Sequence[float]) -> Improvement:
-    """Return the improvement from instance values that are paired by their position.
+def improvement(nominal: Mapping[str, Any], best: Mapping[str, Any]) -> Improvement:
+    """Return the improvement from what is stored of two trials in detail: their matrices by sequence.
 
-    The mean log ratio over the instances that both have, with Student's interval: instances share their noise, so the
-    ratio of one instance varies far less than its two scores.
+    Errors of pairs share their clean and their noisy images, so they are compared pair by pair, as a confirmation does
+    (`compared_table`): the interval counts clean and noisy runs, and an instance that fell apart under one of the
+    settings is left out.
     """
-    count = min(len(nominal), len(best))
-    if count == 0:
-        return Improvement(math.nan, math.nan, math.nan, 0)
-    import numpy as np  # here: most readers of studies do not need it
+    from gtf_tune.two_way import compared_table, over_sequences, two_way_spread  # here: most readers need no numpy
 
-    logs = np.log(np.asarray(best[:count], dtype=np.float64) / np.asarray(nominal[:count], dtype=np.float64))
-    centre = float(logs.mean())
-    if count == 1:
-        return Improvement(1 - math.exp(centre), math.nan, math.nan, 1)
-    half = float(upper_95(count - 1) * logs.std(ddof=1) / math.sqrt(count))
-    return Improvement(1 - math.exp(centre), 1 - math.exp(centre + half), 1 - math.exp(centre - half), count)
+    tables = [_matrices(one) for one in (nominal, best)]
+    if not all(tables) or len(tables[0]) != len(tables[1]):
+        return _UNKNOWN
+    first, second = (over_sequences(one) for one in tables)
+    try:
+        table, _ = compared_table(first, second)
+    except TrajectoryError:
+        return _without_interval(first, second)
+    centre, spread = float(table.mean()), two_way_spread(table)
+    half = upper_95(max(int(spread.freedom), 1)) * math.sqrt(spread.variance)
+    low, high = (1 - math.exp(min(centre + side * half, _LARGEST_LOG)) for side in (1, -1))
+    return Improvement(1 - math.exp(centre), low, high, table.shape[1])
+
+
+def _without_interval(nominal: "FloatArray", best: "FloatArray") -> Improvement:
+    """Return the improvement over the first noisy run where there are too few of them for more."""
+    import numpy as np
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.log(best[:, :1]) - np.log(nominal[:, :1]) if len(best) == len(nominal) else np.array([np.nan])
+    if not np.isfinite(logs).all() or not logs.size:
+        return _UNKNOWN
+    return Improvement(1 - math.exp(float(logs.mean())), math.nan, math.nan, 1)
+
+
+def _matrices(detail: Mapping[str, Any]) -> "list[FloatArray]":
+    """Return the (k, k_delta) errors of a trial on each sequence, with as many noisy runs; empty where one has none."""
+    import numpy as np
+
+    stored = [one.get("matrix") for one in detail.get("sequences", {}).values()]
+    if not stored or not all(stored):
+        return []
+    return [np.array(one, dtype=np.float64) for one in stored]  # None becomes NaN
 
 
 def rank_correlation(pairs: Sequence[tuple[float, float]]) -> float:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtr
 
-from gtf_tune.gtf.collapse import COLLAPSE_FACTOR
+from gtf_tune.two_way import COLLAPSE_FACTOR
 
 USUAL_SPREAD = 0.15
 """Standard deviation of paired log ratios before any are seen.
@@ -42,12 +42,13 @@ class Comparison:
         return 100.0 * math.expm1(self.log_ratio)
 
 
-def compare(own: Sequence[float], incumbent: Sequence[float]) -> Comparison:
+def compare(own: Sequence[float], incumbent: Sequence[float], *, collapses_count: bool = False) -> Comparison:
     """Compare two lists of instance values, paired by position; what one has more than the other is left out.
 
     A t-test on log ratios, with two changes that make it usable from the second instance on. The variance is shrunk
     towards that of usual trials (the moderated t-test of Smyth, Stat. Appl. Genet. Mol. Biol. 3, 2004), and a ratio
-    further than `COLLAPSE_FACTOR` from the median counts as that factor, so that one collapsed run cannot decide.
+    further than `COLLAPSE_FACTOR` from the median is left out, so that one collapsed run cannot decide. Where
+    ``collapses_count``, as for a mean, which one collapsed run does decide, it counts as that factor instead.
     """
     common = min(len(own), len(incumbent))
     ratios = _log_ratios(own[:common], incumbent[:common])
@@ -56,9 +57,12 @@ def compare(own: Sequence[float], incumbent: Sequence[float]) -> Comparison:
     limit = math.log(COLLAPSE_FACTOR)
     median = float(np.median(ratios))
     kept = np.clip(ratios, median - limit, median + limit)
-    freedom = USUAL_FREEDOM + common - 1
+    near = np.abs(ratios - median) <= limit
+    if not collapses_count and near.sum() > common / 2:  # else nobody can say which ones are odd
+        kept = ratios[near]
+    freedom = USUAL_FREEDOM + len(kept) - 1
     variance = (USUAL_FREEDOM * USUAL_SPREAD**2 + float(((kept - kept.mean()) ** 2).sum())) / freedom
-    t = float(kept.mean()) / math.sqrt(variance / common)
+    t = float(kept.mean()) / math.sqrt(variance / len(kept))
     return Comparison(common, float(kept.mean()), float(stdtr(freedom, -t)), float(stdtr(freedom, t)))
 
 

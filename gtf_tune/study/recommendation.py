@@ -36,6 +36,8 @@ class Recommendation:
 def recommend(database: Database, study_id: int, name: str) -> Recommendation:
     """Return the adopted trial, or nominal where the confirmation keeps it, or the best one so far, unconfirmed.
 
+    A nominal setting that was infeasible in the search is never recommended.
+
     Raises
     ------
     StorageError
@@ -51,4 +53,7 @@ def recommend(database: Database, study_id: int, name: str) -> Recommendation:
         return Recommendation(best, UNCONFIRMED, {})
     if known[-1].verdict == ADOPT:
         return Recommendation(trials.get(database, study_id, result["adopted"]), ADOPT, result)
-    return Recommendation(trials.get(database, study_id, 0), KEEP, result)
+    nominal = trials.get(database, study_id, 0)
+    if known[-1].verdict == KEEP and nominal.feasible:
+        return Recommendation(nominal, KEEP, result)
+    return Recommendation(best, UNCONFIRMED, {})

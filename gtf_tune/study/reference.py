@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from gtf_tune.alignment import MIN_MATCHED
-from gtf_tune.errors import StorageError
-from gtf_tune.store import trials
+from gtf_tune.errors import DefinitionError
+from gtf_tune.store import runs, trials
+from gtf_tune.study.coverage import CoverageFloor, coverage_floor, least_floor
 from gtf_tune.study.opened import OpenStudy
 
 
@@ -14,12 +14,11 @@ from gtf_tune.study.opened import OpenStudy
 class Reference:
     """Hold what trial 0 and the incumbent found.
 
-    ``nominal_scores`` and ``floors`` (least coverage, a fraction of the frames) are by sequence; ``nominal_value`` is
-    the value of trial 0, ``None`` while it is being scored or where it is infeasible. ``incumbent`` holds the instance
-    values of the best trial before this one.
+    ``nominal_scores`` and ``floors`` are by sequence; ``nominal_value`` is the value of trial 0, ``None`` while it is
+    being scored or where it is infeasible. ``incumbent`` holds the instance values of the best trial before this one.
     """
 
-    floors: Mapping[str, float]
+    floors: Mapping[str, CoverageFloor]
     nominal_scores: Mapping[str, float] = field(default_factory=dict)
     nominal_value: float | None = None
     incumbent: tuple[float, ...] = ()
@@ -28,35 +27,41 @@ class Reference:
 def read_reference(study: OpenStudy, ordinal: int) -> Reference:
     """Return what the trial in slot ``ordinal`` is compared with.
 
-    The coverage floor is the definition's fraction of the least that any run of the nominal setting registers, noisy
-    ones included, so that nominal itself reaches it; where a nominal run failed, of its clean runs. It is never less
-    than the four frames that an alignment needs.
-
     Raises
     ------
-    StorageError
+    DefinitionError
         Several sequences are tuned together and the nominal setting has no score on one of them.
     """
-    least = {name: MIN_MATCHED / len(sequence) for name, sequence in study.sequences.items()}
     if ordinal == 0:
-        return Reference(least)
+        return Reference({name: least_floor(len(sequence)) for name, sequence in study.sequences.items()})
     nominal = trials.get(study.database, study.record.id, 0)
     detail = trials.details(study.database, [nominal.id])[nominal.id]["sequences"]
-    share = study.definition.gtf.coverage_floor
-    floors = {name: max(least[name], share * _nominal_coverage(detail[name])) for name in study.sequences}
+    floors = _floors(study, nominal.id, detail)
     scores = {name: detail[name]["value"] for name in study.sequences if detail[name]["value"] is not None}
     if len(study.sequences) > 1 and len(scores) < len(study.sequences):
-        missing = sorted(set(study.sequences) - set(scores))
-        raise StorageError(
-            f"the nominal setting has no score on {', '.join(missing)} ({nominal.message}), so settings cannot be "
+        reasons = [f"{name} ({detail[name]['message']})" for name in study.sequences if detail[name]["message"]]
+        raise DefinitionError(
+            f"the nominal setting has no score on {', '.join(reasons) or nominal.message}, so settings cannot be "
             "compared over several sequences; leave that sequence out or fix options so that the nominal setting works"
         )
     value = nominal.value if nominal.feasible else None
     return Reference(floors, scores, value, _incumbent(study, ordinal))
 
 
-def _nominal_coverage(detail: Mapping[str, Any]) -> float:
-    return float(detail["coverage"] or detail["coverage_nominal"])
+def _floors(study: OpenStudy, nominal_id: int, detail: Mapping[str, Any]) -> dict[str, CoverageFloor]:
+    """Return the floors that nominal's runs set; their coverages are in its detail, except where it has no score."""
+    share = study.definition.gtf.coverage_floor
+    unscored = any("coverage_noisy" not in detail[name] for name in study.sequences)
+    uses = runs.of_trial(study.database, nominal_id) if unscored else []
+    floors = {}
+    for name, sequence in study.sequences.items():
+        clean, noisy = (
+            detail[name].get(f"coverage_{kind}")
+            or [one.run.coverage for one in uses if (one.sequence_name, one.run.kind) == (name, kind)]
+            for kind in ("clean", "noisy")
+        )
+        floors[name] = coverage_floor(clean, noisy, share).at_least(least_floor(len(sequence)))
+    return floors
 
 
 def _incumbent(study: OpenStudy, ordinal: int) -> tuple[float, ...]:

@@ -104,7 +104,7 @@ class Axis:
 def _choose(others: list[FrozenTrial], name: str, axis: Axis) -> float:
     known = log_scores(others)
     if not known:
-        return 0.5
+        return _farthest(axis, [axis.place(one.params[name]) for one in others])
     places = np.array([axis.place(others[index].params[name]) for index in known])
     values = np.array(list(known.values()))
     pending = np.array([axis.place(one.params[name]) for one in others if one.state == TrialState.RUNNING])
@@ -112,6 +112,13 @@ def _choose(others: list[FrozenTrial], name: str, axis: Axis) -> float:
         believed = fit_curve(places, values).mean(pending)
         places, values = np.concatenate([places, pending]), np.concatenate([values, believed])
     return next_place(fit_curve(places, values), axis.candidates(places))
+
+
+def _farthest(axis: Axis, tried: list[float]) -> float:
+    """Return the place farthest from all that were tried, while no trial is feasible."""
+    places = axis.candidates(np.array(tried))
+    gaps = np.abs(places[:, np.newaxis] - np.array(tried)).min(axis=1, initial=math.inf)
+    return float(places[int(np.argmax(gaps))])
 
 
 def log_scores(trials: list[FrozenTrial]) -> dict[int, float]:

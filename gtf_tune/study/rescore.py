@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gtf_tune.alignment import MIN_MATCHED
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.definition.loading import section_from_dict
 from gtf_tune.errors import DefinitionError
@@ -17,6 +16,7 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trials import Trial
+from gtf_tune.study.coverage import CoverageFloor, coverage_floor, least_floor
 from gtf_tune.study.objective import FinishedRun, SequenceScore, TrialScore, score_sequence, score_trial
 from gtf_tune.study.stored import stored_definition
 
@@ -66,14 +66,15 @@ def rescore(database: Database, name: str, changes: Mapping[str, Any]) -> Rescor
     uses: dict[int, list[TrialRun]] = defaultdict(list)
     for use in runs.of_study(database, study.id):
         uses[use.ordinal].append(use)
-    nominal_coverage = _least_coverage(uses[0])
+    floors = _floors(uses[0], gtf)
     scores: dict[int, TrialScore] = {}
     nominal_values: dict[str, float] = {}
     for trial in known:
-        by_sequence = _score_sequences(database, uses[trial.ordinal], nominal_coverage if trial.ordinal else {}, gtf)
+        by_sequence = _score_sequences(database, uses[trial.ordinal], floors if trial.ordinal else {}, gtf)
         scores[trial.ordinal] = score_trial(by_sequence, nominal_values or None, gtf)
         if trial.ordinal == 0:
             nominal_values = {key: one.score.value for key, one in by_sequence.items() if one.score and one.feasible}
+            _check_nominal(by_sequence, name)
     return Rescored(gtf, _ranked([RescoredTrial(trial, scores[trial.ordinal]) for trial in known]))
 
 
@@ -87,9 +88,9 @@ def _changed(gtf: GtfDefinition, changes: Mapping[str, Any]) -> GtfDefinition:
 
 
 def _score_sequences(
-    database: Database, uses: list[TrialRun], nominal_coverage: Mapping[str, float], gtf: GtfDefinition
+    database: Database, uses: list[TrialRun], floors: Mapping[str, CoverageFloor], gtf: GtfDefinition
 ) -> dict[str, SequenceScore]:
-    """Return the score of each sequence; an empty ``nominal_coverage`` leaves the floor at four frames."""
+    """Return the score of each sequence; without ``floors`` what an alignment needs is enough."""
     found = trajectories(database, [use.run.key for use in uses])
     scores = {}
     for name in dict.fromkeys(use.sequence_name for use in uses):
@@ -99,19 +100,29 @@ def _score_sequences(
             for kind in ("clean", "noisy")
         )
         num_frames = mine[0].run.num_frames
-        floor = max(MIN_MATCHED / num_frames, gtf.coverage_floor * nominal_coverage.get(name, 0.0))
+        floor = floors.get(name) or least_floor(num_frames)
         scores[name] = score_sequence(clean, noisy, num_frames=num_frames, floor=floor, gtf=gtf)
     return scores
 
 
-def _least_coverage(uses: list[TrialRun]) -> dict[str, float]:
-    """Return the least coverage of nominal's runs by sequence, of its clean ones where a run failed."""
-    failed = {use.sequence_name for use in uses if use.run.status == "failed"}
-    coverage: dict[str, float] = {}
-    for use in uses:
-        if use.run.kind == "clean" or use.sequence_name not in failed:
-            coverage[use.sequence_name] = min(use.run.coverage, coverage.get(use.sequence_name, 1.0))
-    return coverage
+def _check_nominal(by_sequence: Mapping[str, SequenceScore], name: str) -> None:
+    without = [sequence for sequence, one in by_sequence.items() if not one.feasible]
+    if len(by_sequence) > 1 and without:
+        raise DefinitionError(
+            f"study '{name}' cannot be rescored so: its nominal setting has no such score on {', '.join(without)} "
+            f"({by_sequence[without[0]].message}), with which the others are compared; choose another metric or unit"
+        )
+
+
+def _floors(uses: list[TrialRun], gtf: GtfDefinition) -> dict[str, CoverageFloor]:
+    """Return the coverage floors that nominal's runs set, by sequence."""
+    floors = {}
+    for name in dict.fromkeys(use.sequence_name for use in uses):
+        mine = [use.run for use in uses if use.sequence_name == name]
+        clean, noisy = ([run.coverage for run in mine if run.kind == kind] for kind in ("clean", "noisy"))
+        least = least_floor(mine[0].num_frames)
+        floors[name] = coverage_floor(clean, noisy, gtf.coverage_floor).at_least(least)
+    return floors
 
 
 def _ranked(rescored: list[RescoredTrial]) -> tuple[RescoredTrial, ...]:

@@ -104,7 +104,8 @@ class TrialRuns:
                 return ()
             values = aggregate_instances(one.score.matrix, aggregate)
             scale = reference.nominal_scores.get(name, one.score.value) if len(score.by_sequence) > 1 else 1.0
-            rows.append(np.log(values / scale))
+            tiny = np.finfo(np.float64).tiny
+            rows.append(np.log(np.maximum(values, tiny) / max(scale, tiny)))
         return tuple(float(value) for value in np.exp(np.mean(rows, axis=0)))
 
 

@@ -102,7 +102,7 @@ class AdaptiveSizing:
             return Decision(self.most, "no other feasible trial to compare with")
         if self._cannot_win(standing):
             return Decision(count, f"cannot beat the best trial any more after {count} noisy runs", hopeless=True)
-        found = compare(standing.own, standing.incumbent)
+        found = compare(standing.own, standing.incumbent, collapses_count=self.aggregate == "mean")
         if found.p_worse < self.significance:
             reason = f"{found.percent:.3g} % worse than the best trial on {count} noisy runs (p = {found.p_worse:.2g})"
             return Decision(count, reason, hopeless=True)

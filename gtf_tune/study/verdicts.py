@@ -2,3 +2,5 @@
 
 ADOPT = "adopt"
 KEEP = "keep nominal"
+NO_VERDICT = "none"
+"""Nominal did not work, so there was nothing to compare with."""

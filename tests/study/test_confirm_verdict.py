@@ -146,8 +146,39 @@ def test_a_nominal_that_never_works_cannot_be_compared_with() -> None:
 
     result = judge(findings({"a": score(0.5)}, nominal={"a": nothing}), GTF)
 
-    assert result["verdict"] == "keep nominal"
+    assert (result["verdict"], result["adopted"]) == ("none", None)
     assert "cannot be compared with nominal" in result["candidates"][0]["reasons"][0]
+
+
+def test_one_failed_run_of_nominal_does_not_open_the_door_to_settings_that_drop_frames() -> None:
+    nominal = score(1.0)
+    nominal = replace(nominal, coverage_clean=np.array([1.0, 0.0]))
+
+    result = judge(findings({"a": score(0.5, seed=1, coverage=0.1)}, nominal={"a": nominal}), GTF)
+
+    assert result["verdict"] == "keep nominal"
+    assert result["candidates"][0]["reasons"] == ["a run on a registered 10% of the frames, less than 95%"]
+
+
+def test_noisy_runs_need_no_more_frames_than_nominal_registers_under_noise() -> None:
+    nominal = replace(score(1.0), coverage_noisy=np.full(NOISY, 0.8))
+    candidate = replace(score(0.5, seed=1), coverage_noisy=np.full(NOISY, 0.9))
+
+    assert judge(findings({"a": candidate}, nominal={"a": nominal}), GTF)["verdict"] == "adopt"
+
+
+def test_a_nominal_that_mostly_collapses_is_not_protected_by_its_own_median() -> None:
+    nominal = score(1.0, collapsed=8)
+    nominal = replace(nominal, collapsed=np.zeros(NOISY, dtype=bool))
+
+    assert judge(findings({"a": score(0.5, seed=1, collapsed=1)}, nominal={"a": nominal}), GTF)["verdict"] == "adopt"
+
+
+def test_a_run_as_good_as_nominals_usual_ones_is_no_collapse() -> None:
+    candidate = score(0.15, seed=1)
+    candidate.matrix[:, 3] /= 0.15
+
+    assert judge(findings({"a": candidate}, nominal={"a": score(1.0)}), GTF)["verdict"] == "adopt"
 
 
 def test_without_candidates_nominal_is_kept() -> None:

@@ -156,7 +156,9 @@ def test_workers_side_by_side_look_at_different_places() -> None:
     assert abs(math.log(first / second)) > 0.01
 
 
-def test_a_study_without_a_feasible_trial_is_searched_from_the_middle() -> None:
-    study = _study(*(_trial(value, 1.5, violation=0.5) for value in (1e-2, 3e-4, 3e-3, 3e-2)))
+def test_a_study_without_a_feasible_trial_is_searched_where_nothing_was_tried() -> None:
+    tried = [1e-2, 3e-4, 3e-3, 3e-2]
+    for _ in range(3):
+        tried.append(_suggest(_study(*(_trial(value, 1.5, violation=0.5) for value in tried))))
 
-    assert math.log10(_suggest(study)) == pytest.approx(-2.5)
+    assert [math.log10(value) for value in tried[-3:]] == pytest.approx([-1.0, -3.02, -4.0], abs=0.02)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gtf_tune.gtf.collapse import COLLAPSE_FACTOR
 from gtf_tune.study.racing import USUAL_FREEDOM, USUAL_SPREAD, compare
+from gtf_tune.two_way import COLLAPSE_FACTOR
 
 scores = st.floats(1e-6, 1.0)
 paired = st.lists(st.tuples(scores, scores), min_size=2, max_size=30)
@@ -71,10 +71,23 @@ def test_the_variance_is_the_weighted_mean_of_usual_and_seen() -> None:
     assert found.p_worse == pytest.approx(stats.t.sf(0.3 / math.sqrt(variance / 4), USUAL_FREEDOM + 3))
 
 
-def test_one_collapsed_run_counts_as_a_limited_factor() -> None:
+def test_one_collapsed_run_decides_nothing() -> None:
+    others = [1.0, 1.1, 0.9, 1.0]
+
+    assert compare([*others, 1e4], [1.0] * 5).p_worse > 0.3
+    assert compare([1.0, 1.0, 100.0], [1.0] * 3).log_ratio == pytest.approx(0.0)
+
+
+def test_where_two_camps_of_ratios_are_far_apart_none_is_left_out() -> None:
+    found = compare([1.0, 1.0, 1e4, 1e4], [1.0] * 4)
+
+    assert found.log_ratio > 1.0
+
+
+def test_for_a_mean_one_collapsed_run_counts_as_a_limited_factor() -> None:
     others = [0.9, 0.9, 0.9, 0.9]
 
-    mild, wild = compare([*others, 10.0], [1.0] * 5), compare([*others, 1e4], [1.0] * 5)
+    mild, wild = (compare([*others, last], [1.0] * 5, collapses_count=True) for last in (10.0, 1e4))
 
     assert mild == wild
     assert wild.log_ratio == pytest.approx((5 * math.log(0.9) + math.log(COLLAPSE_FACTOR)) / 5)

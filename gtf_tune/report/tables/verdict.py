@@ -7,11 +7,10 @@ from typing import Any, Literal
 
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.tables.details import instance_values
 from gtf_tune.report.tables.options import options_at_an_edge
 from gtf_tune.report.tables.points import TrialPoint, study_points
 from gtf_tune.study.picking import Improvement, improvement
-from gtf_tune.study.verdicts import ADOPT
+from gtf_tune.study.verdicts import ADOPT, KEEP
 
 VerdictKind = Literal["adopt", "keep", "unconfirmed", "none"]
 
@@ -75,9 +74,10 @@ def study_verdict(data: StudyData) -> Verdict:
     if data.confirmations and best in {0, *(one.ordinal for one in found)}:
         chosen = data.confirmations[-1].result.get("adopted")
         adopted = next((one for one in found if one.ordinal == chosen), None)
-        if adopted is None:
+        if adopted is not None:
+            return _about(data, "adopt", adopted.ordinal, adopted.improvement, found)
+        if data.confirmations[-1].verdict == KEEP and data.nominal is not None:
             return _about(data, "keep", 0, _UNKNOWN, found)
-        return _about(data, "adopt", adopted.ordinal, adopted.improvement, found)
     if best == 0:
         return _about(data, "none", 0)
     return _about(data, "unconfirmed", best, _searched_improvement(data, best))
@@ -131,8 +131,8 @@ def _about(
 
 
 def _searched_improvement(data: StudyData, best: int) -> Improvement:
-    nominal, other = instance_values(data, 0), instance_values(data, best)
-    return improvement(nominal, other) if nominal and other else _UNKNOWN
+    nominal, other = data.details.get(0), data.details.get(best)
+    return improvement(nominal, other) if data.nominal is not None and nominal and other else _UNKNOWN
 
 
 def _number(value: Any) -> float:

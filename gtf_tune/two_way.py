@@ -1,0 +1,146 @@
+"""Work on tables of errors over clean and noisy runs with numpy alone, so that reading a study need not wait for scipy.
+
+Rows are clean runs, columns noisy ones, (k, k_delta). All pairs of a clean run share it and all pairs of a noisy run
+share that, so the variance of a mean over such a table is that of a two-way table with random rows and columns (Searle,
+Casella, McCulloch, "Variance components", 1992, ch. 4).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gtf_tune.errors import TrajectoryError
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+COLLAPSE_FACTOR = 5.0
+"""Times the median error below which no run counts as collapsed; healthy runs spread by about a third."""
+
+COLLAPSE_DEVIATIONS = 3.5
+"""Robust standard deviations of the logarithm above the median from which on a run counts as collapsed."""
+
+_MAD_TO_DEVIATION = 1.4826
+_FEWEST_FOR_OUTLIERS = 3
+_FEWEST_INSTANCES = 2
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Hold the variance of an estimate and the degrees of freedom of that variance."""
+
+    variance: float
+    freedom: float
+
+
+def two_way_spread(table: FloatArray) -> Spread:
+    """Return the spread of the mean of a complete (k, k_delta >= 2) table with random rows and columns.
+
+    Var(mean) = (MS_rows + MS_columns - MS_rest) / (k k_delta), where the rows' share, MS_rows - MS_rest, is set to 0
+    where it comes out negative. With one row the rows' share is unknown and left out.
+    """
+    rows, columns = table.shape
+    mean, row_means, column_means = table.mean(), table.mean(axis=1), table.mean(axis=0)
+    between_columns = rows * float(column_means.var(ddof=1))
+    between_rows = 0.0
+    if rows > 1:
+        rest = table - row_means[:, np.newaxis] - column_means + mean
+        mean_square_rest = float((rest**2).sum()) / ((rows - 1) * (columns - 1))
+        between_rows = max(columns * float(row_means.var(ddof=1)) - mean_square_rest, 0.0)
+    return combined(between_columns / table.size, columns - 1, between_rows / table.size, rows - 1)
+
+
+def combined(columns: float, columns_freedom: int, rows: float, rows_freedom: int) -> Spread:
+    """Add two variances, with the degrees of freedom of the sum (Satterthwaite, Biometrics Bulletin 2, 1946)."""
+    if rows == 0:
+        return Spread(columns, columns_freedom)
+    weight = rows / (rows + columns)
+    return Spread(rows + columns, 1 / (weight**2 / rows_freedom + (1 - weight) ** 2 / columns_freedom))
+
+
+def far_above_median(values: FloatArray) -> BoolArray:
+    """Return which of the non-negative values, (n,), lie far above the median; NaN never does."""
+    deviations, limit = _deviations(_logarithms(values))
+    return deviations > limit
+
+
+def far_above_either_median(a: FloatArray, b: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Return which values of two series, (n,) and (m,), lie far above the smaller of their medians, NaN never.
+
+    One limit for both, that of the series whose median is smaller: where most of a series are outliers, its own median
+    is one of them.
+    """
+    first, second = _logarithms(a), _logarithms(b)
+    medians = [float(np.median(one[~np.isnan(one)])) if (~np.isnan(one)).any() else math.inf for one in (first, second)]
+    lower = first if medians[0] <= medians[1] else second
+    _, limit = _deviations(lower)
+    return first - min(medians) > limit, second - min(medians) > limit
+
+
+def far_from_median(logarithms: FloatArray) -> BoolArray:
+    """Return which of the logarithms, (n,), lie far from their median on either side; NaN never does."""
+    deviations, limit = _deviations(logarithms)
+    return np.abs(deviations) > limit
+
+
+def compared_table(a: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return log(error b / error a), (k, n >= 2), of two settings under the same noise, and what it leaves out, (m,).
+
+    Left out of the m noise instances that both have are those that failed under one of the settings and those whose
+    ratio lies far from the others', as a reconstruction fell apart; clean runs that failed as a whole are left out too.
+
+    Raises
+    ------
+    TrajectoryError
+        The numbers of clean runs differ, or fewer than two noise instances can be compared.
+    """
+    logarithms = _log_ratios(a, b)
+    failed = np.asarray(np.isnan(logarithms).any(axis=0))
+    far = far_from_median(np.where(failed, np.nan, logarithms.sum(axis=0) / max(len(logarithms), 1)))
+    left_out = failed | far
+    table = logarithms[:, ~left_out]
+    if not len(table) or table.shape[1] < _FEWEST_INSTANCES:
+        worked = table.shape[1] if len(table) else 0
+        raise TrajectoryError(
+            f"expected at least {_FEWEST_INSTANCES} noise instances that worked under both settings, not {worked}; "
+            "add noisy runs"
+        )
+    return table, left_out
+
+
+def over_sequences(matrices: list[FloatArray]) -> FloatArray:
+    """Return one table for several sequences: pair by pair the geometric mean of errors.
+
+    Ratios of two such tables are the geometric mean over sequences of ratios, whatever the units are. Noise instances
+    of different sequences are independent, so which of them are put together does not matter.
+    """
+    if len(matrices) == 1:
+        return matrices[0]
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.exp(np.mean([np.log(one) for one in matrices], axis=0)))
+
+
+def _log_ratios(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return log(error b / error a) of the pairs that both have; NaN where either failed or has no error at all."""
+    if len(a) != len(b):
+        raise TrajectoryError(f"expected as many clean runs of both settings, not {len(a)} and {len(b)}")
+    common = min(a.shape[1], b.shape[1])
+    first, second = (np.where(one[:, :common] > 0, one[:, :common], np.nan) for one in (a, b))
+    logarithms: FloatArray = np.log(second) - np.log(first)
+    return logarithms[~np.isnan(logarithms).all(axis=1)]
+
+
+def _logarithms(values: FloatArray) -> FloatArray:
+    return np.log(np.maximum(values, np.finfo(np.float64).tiny))
+
+
+def _deviations(logarithms: FloatArray) -> tuple[FloatArray, float]:
+    """Return the deviations from the median, 0 for NaN, and the size from which on they are far."""
+    known = ~np.isnan(logarithms)
+    if known.sum() < _FEWEST_FOR_OUTLIERS:
+        return np.zeros(len(logarithms)), math.inf
+    deviations = np.where(known, logarithms - np.median(logarithms[known]), 0.0)
+    spread = _MAD_TO_DEVIATION * float(np.median(np.abs(deviations[known])))
+    return deviations, max(math.log(COLLAPSE_FACTOR), COLLAPSE_DEVIATIONS * spread)
