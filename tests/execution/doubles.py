@@ -51,15 +51,16 @@ class _Double:
 
 @dataclass
 class KilledFirst(_Double):
-    """Die by SIGKILL, as if memory had run out, the first ``times`` times; the note counts the attempts."""
+    """Die by a signal, as if memory had run out, the first ``times`` times; the note counts the attempts."""
 
     times: int = 1
+    by: int = signal.SIGKILL
 
     def run(self, job: PipelineJob) -> PipelineOutput:
         with self.note.open("a") as note:
             note.write("x")
         if len(self.note.read_text()) <= self.times:
-            os.kill(os.getpid(), signal.SIGKILL)
+            os.kill(os.getpid(), self.by)
         return analytic().run(job)
 
 

@@ -1,5 +1,6 @@
 """What every executor promises; its test module has a subclass and a fixture ``executor`` of two jobs."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -76,8 +77,9 @@ class ExecutorContract:
         assert "told to print" in outcome.error
         assert 0 < len(outcome.log) <= 8192
 
-    def test_a_run_that_was_killed_is_tried_again(self, executor: Executor, tmp_path: Path) -> None:
-        outcome = outcome_of(executor, KilledFirst(tmp_path / "note", times=2))
+    @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGTERM])
+    def test_a_run_that_was_killed_is_tried_again(self, executor: Executor, tmp_path: Path, by: int) -> None:
+        outcome = outcome_of(executor, KilledFirst(tmp_path / "note", times=2, by=by))
 
         assert outcome.status == "ok"
         assert (tmp_path / "note").read_text() == "xxx"

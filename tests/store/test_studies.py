@@ -139,6 +139,22 @@ def test_deleting_a_study_keeps_the_runs_that_another_uses(
     assert len(runs.of_study(database, kept.id)) == 1
 
 
+def test_deleting_a_study_keeps_the_runs_of_another_ones_confirmation(
+    database: Database,
+    make_study: MakeStudy,
+    make_request: Callable[..., RunRequest],
+    make_outcome: Callable[..., RunOutcome],
+) -> None:
+    mine, shared = (runs.save(database, make_request("clean", index), make_outcome()) for index in (0, 1))
+    gone, kept = make_study(database, "gone"), make_study(database, "kept")
+    confirmations.add(database, gone.id, {"run_keys": [mine.key, shared.key]}, {}, "adopt")
+    confirmations.add(database, kept.id, {"run_keys": [shared.key]}, {}, "adopt")
+
+    studies.delete_study(database, "gone")
+
+    assert list(runs.find(database, [mine.key, shared.key])) == [shared.key]
+
+
 def test_side_metrics_are_replaced_and_listed_by_ordinal(database: Database, study: Study) -> None:
     trial_id = run_trial(database, study, 0.5)
     validations.save(database, trial_id, [Validation("desk", 0.2), Validation("room", 0.3)])

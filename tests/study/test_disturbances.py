@@ -1,6 +1,7 @@
 """What a worker does when it is killed between two steps, or when its study changes or vanishes under its hands."""
 
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,9 @@ import pytest
 from optuna.trial import TrialState
 
 from gtf_tune.errors import DeletedError
-from gtf_tune.execution import InlineExecutor
+from gtf_tune.execution import InlineExecutor, RunLimits
+from gtf_tune.pipelines import RunOutcome
+from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.store import runs, slots, studies, trials, validations
 from gtf_tune.store.copy import copy_study
 from gtf_tune.store.database import Database, create_database
@@ -25,6 +28,7 @@ from gtf_tune.study.events import Silent
 from gtf_tune.study.extend import Extension, extend_study
 from gtf_tune.study.rescore import rescore
 from gtf_tune.study.serving import ServingRules, StudyServer
+from gtf_tune.study.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of
 
@@ -164,3 +168,33 @@ def test_a_worker_goes_on_with_other_studies_when_one_is_deleted(room: Path, dat
 
     assert "study 'small' was deleted; its trial in work is dropped" in said
     assert studies.get(database, "other").state == "done"
+
+
+class EndedWithItsHost(InlineExecutor):
+    """Fail from the fifth run on, as runs do whose processes a batch system ends together with the worker."""
+
+    def __init__(self, stop: StopRequest) -> None:
+        super().__init__()
+        self._stop = stop
+
+    def submit(self, request: RunRequest, limits: RunLimits) -> "Future[RunOutcome]":
+        future = super().submit(request, limits)
+        if len(self.executed) < 5:
+            return future
+        self._stop.ask(FINISH_RUNS)
+        ended: Future[RunOutcome] = Future()
+        ended.set_result(replace(future.result(), status="failed", error="the pipeline crashed its process (SIGTERM)"))
+        return ended
+
+
+def test_a_run_that_fails_while_the_worker_is_asked_to_stop_is_tried_again(
+    room: Path, tmp_path: Path, database: Database, run_study: Runner
+) -> None:
+    create_study(database, checked_definition(small(room), "test"), tmp_path)
+    stop = StopRequest()
+
+    done = StudyWorker(open_study(database, "small"), EndedWithItsHost(stop), stop).work()
+    run_study(small(room))
+
+    assert not done
+    assert all(one.feasible for one in trials.of_study(database, open_study(database, "small").record.id))

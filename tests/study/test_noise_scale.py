@@ -53,6 +53,16 @@ def test_nothing_from_the_first_broken_run_on_is_recommended(fault: str) -> None
     assert scale.recommended in (0.5, 1.0)
 
 
+def test_bad_luck_under_the_weakest_noise_does_not_end_the_linear_range() -> None:
+    levels = ladder(1e-4, 1e-3)
+    levels[0] = level(0.5, 5e-4, collapsed=1)
+
+    scale = noise_scale(level(0.0, 1e-4), levels)
+
+    assert scale.linear == (False, True, True, True, True, True)
+    assert scale.recommended == 1.0
+
+
 def test_the_best_ratio_of_signal_to_spread_is_recommended() -> None:
     levels = [level(one.sigma, one.score, spread=0.1 if one.sigma == 3.0 else 0.5) for one in ladder(1e-4, 1e-3)]
 

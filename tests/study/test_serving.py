@@ -48,6 +48,21 @@ def states(database: Database) -> dict[str, str]:
     return {one.name: one.state for one in studies.summaries(database)}
 
 
+def test_a_study_that_cannot_be_compared_does_not_stop_the_others(
+    database: Database, create: Create, room: Path, tmp_path: Path
+) -> None:
+    tiny = write_sequence(tmp_path / "tiny", ground_truth=False, frames=6)
+    both = [{"name": "room", "path": str(room)}, {"name": "tiny", "path": str(tiny)}]
+    broken = {"name": "analytic", "settings": {"failure": "error", "failure_rate": "1"}}
+    create("pair", sequences=both, pipeline=broken)
+    create("good")
+
+    said = serve(database)
+
+    assert states(database)["good"] == "done"
+    assert any("'pair' is left to other workers" in one and "no score on" in one for one in said)
+
+
 def test_a_worker_does_every_open_study_and_leaves_the_others(database: Database, create: Create) -> None:
     for name in ("one", "two", "three"):
         create(name)
