@@ -1,3 +1,4 @@
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -54,6 +55,17 @@ def test_nominal_is_kept_where_no_candidate_was_confirmed(own_database: Database
 
     assert (verdict.kind, verdict.ordinal) == ("keep", 0)
     assert verdict.candidates[0].reasons == ("not significantly better than nominal",)
+
+
+def test_a_nominal_that_does_not_work_is_never_kept(own_database: Database, confirm_study: Confirm) -> None:
+    confirm_study(own_database, "keep nominal")
+    data = read_study(own_database, "synthetic")
+    broken = [replace(one, feasible=False) if one.ordinal == 0 else one for one in data.trials]
+
+    verdict = study_verdict(replace(data, trials=tuple(broken)))
+
+    assert (verdict.kind, verdict.ordinal) == ("unconfirmed", 3)
+    assert math.isnan(verdict.improvement.value)
 
 
 def test_a_confirmation_says_nothing_about_a_better_trial_that_came_later(

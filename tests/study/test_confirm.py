@@ -5,7 +5,7 @@ import pytest
 from gtf_tune.errors import DefinitionError
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.execution.base import RunLimits
-from gtf_tune.store import confirmations, runs, studies
+from gtf_tune.store import confirmations, runs, studies, trials
 from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.database import Database
 from gtf_tune.study.confirm import ConfirmationPlan, confirm, plan_confirmation
@@ -169,6 +169,21 @@ def test_a_candidate_that_is_not_confirmed_leaves_nominal_recommended(
     confirmations.add(database, study_id, {}, result, "keep nominal")
 
     assert recommend(database, study_id, "small").trial.ordinal == 0
+
+
+def test_a_nominal_that_does_not_work_is_never_recommended(room: Path, database: Database, run_study: Runner) -> None:
+    # Some runs fail whatever the options are: with this seed nominal's do, and those of other settings do not.
+    pipeline = {"settings": {"failure": "error", "failure_rate": 0.3, "collapse_rate": 0.0}}
+    run_study(definition_of(room, **{**GRID, "pipeline": pipeline, "gtf": {"clean_runs": 1, "noisy_runs": 1}}))
+    study_id = studies.get(database, "small").id
+    best = recommend(database, study_id, "small").trial.ordinal
+    result = {"verdict": "keep nominal", "adopted": None, "candidates": [{"ordinal": best, "verdict": "keep nominal"}]}
+
+    confirmations.add(database, study_id, {}, result, "keep nominal")
+
+    found = recommend(database, study_id, "small")
+    assert not trials.get(database, study_id, 0).feasible
+    assert (found.verdict, found.trial.ordinal) == ("unconfirmed", best)
 
 
 def test_a_better_trial_after_the_confirmation_is_unconfirmed(
