@@ -69,8 +69,8 @@ def run(effort: Effort) -> Section:
         rows=tuple(rows),
         conclusion=(
             f"The default is min = {CHOSEN.least}, max = {CHOSEN.most}, p = {CHOSEN.significance:g} (first rows). A "
-            "stricter p spends more runs on settings that are slightly worse; a looser one gives up settings more often "
-            "that are as good or a little better, and min = 2 gives up much better ones where runs collapse: of two "
+            "stricter p spends more runs on settings that are slightly worse; a looser one gives up more settings that "
+            "are as good or a little better, and min = 2 gives up much better ones where runs collapse: of two "
             "ratios nobody can say which is the odd one. Compare with the table of searches: near the optimum most "
             "challengers are as good as the incumbent, and those take nearly all runs."
         ),
