@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import typer
@@ -26,6 +27,13 @@ Range = Annotated[
 Values = Annotated[
     list[str] | None, typer.Option("--values", "-v", metavar="NAME=A,B,...", help="Search an option over a list.")
 ]
+
+_FLAGS = MappingProxyType(
+    {
+        "sequences": "give --sequence FOLDER",
+        "space": "say what to search with --range NAME=LOW:HIGH or --values NAME=A,B",
+    }
+)
 
 
 def create(
@@ -71,7 +79,7 @@ def create(
     _put(data, "gtf", noise_sigma=None if noise_sigma is None else parse_value(noise_sigma))
     _put(data, "side_metric", **parse_pairs(side, "--side"))
     _put(data, "search", sampler=sampler, trials=trials, seed=seed)
-    definition = checked_definition(data, source)
+    definition = checked_definition(data, source, {} if _is_file(source) else _FLAGS)
     database = create_storage(storage)
     study = create_study(database, definition, root)
     say(f"created study '{study.name}'")
@@ -82,10 +90,14 @@ def _base(source: str) -> tuple[dict[str, Any], Path]:
     """Return the definition to start from, and the folder that its paths are relative to."""
     from gtf_tune.definition import read_toml
 
-    if source.endswith(".toml"):
+    if _is_file(source):
         path = Path(source)
         return read_toml(path), path.absolute().parent
     return {"name": source, "pipeline": {"name": "glomap"}}, Path.cwd()
+
+
+def _is_file(source: str) -> bool:
+    return source.endswith(".toml")
 
 
 def _add_pipeline(data: dict[str, Any], name: str | None, options: dict[str, Any], settings: dict[str, Any]) -> None:
@@ -131,9 +143,11 @@ def _add_space(data: dict[str, Any], ranges: list[str], lists: list[str]) -> Non
 def parse_range(text: str, bounds: str) -> dict[str, Any]:
     """Return the axis of ``--range NAME=LOW:HIGH[:log]``, of which ``bounds`` is what follows the name."""
     parts = bounds.split(":")
-    if len(parts) not in (2, 3) or parts[2:] not in ([], ["log"], ["linear"]):
+    ends = [parse_value(part) for part in parts[:2]]
+    are_numbers = len(ends) == 2 and all(isinstance(end, int | float) and not isinstance(end, bool) for end in ends)
+    if not are_numbers or parts[2:] not in ([], ["log"], ["linear"]):
         raise DefinitionError(f"--range takes NAME=LOW:HIGH or NAME=LOW:HIGH:log, not '{text}'")
-    return {"low": parse_value(parts[0]), "high": parse_value(parts[1]), "log": parts[2:] == ["log"]}
+    return {"low": ends[0], "high": ends[1], "log": parts[2:] == ["log"]}
 
 
 def _put(data: dict[str, Any], section: str, **values: object) -> None:

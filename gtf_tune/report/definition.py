@@ -74,7 +74,7 @@ def load_report_definition(path: Path) -> ReportDefinition:
         The file is missing or wrong; the message names every fault.
     """
     try:
-        return ReportDefinition.model_validate(read_toml(path))
+        return ReportDefinition.model_validate(read_toml(path, "a report definition"))
     except ValidationError as error:
         faults = "; ".join(_sentence(one) for one in error.errors())
         raise DefinitionError(f"{path}: {faults}. Panels are {', '.join(get_args(PanelKind))}") from error

@@ -4,6 +4,7 @@ import contextlib
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import optuna
@@ -28,15 +29,19 @@ from gtf_tune.version import __version__
 METRIC_NAME = "GTF ATE"
 
 
-def checked_definition(data: Mapping[str, Any], source: str) -> StudyDefinition:
+def checked_definition(
+    data: Mapping[str, Any], source: str, hints: Mapping[str, str] = MappingProxyType({})
+) -> StudyDefinition:
     """Return a definition whose options and axes suit its pipeline.
+
+    ``hints`` say, by the name of a section, how to give it where it is missing.
 
     Raises
     ------
     DefinitionError
         Something is wrong; the message names every fault of the file, the shape of it and the options in it alike.
     """
-    return definition_from_dict(data, source, faults=_option_faults(data))
+    return definition_from_dict(data, source, _option_faults(data), hints)
 
 
 def create_study(database: Database, definition: StudyDefinition, root: Path) -> Study:
@@ -148,6 +153,8 @@ def _option_faults(data: Mapping[str, Any]) -> list[str]:
         return [str(error)]
     faults: list[str] = []
     for name, value in _mapping(section.get("options")).items():
+        if isinstance(value, Mapping | list):  # a fault of the shape, which is told of already
+            continue
         try:
             table.check({name: value})
         except GtfTuneError as error:

@@ -31,6 +31,31 @@ def test_a_value_of_the_wrong_type_says_which_type_is_right(cli: Cli, room: Path
     _assert_one_sentence(cli(*CREATE, *AXIS, "-o", "tracks.min_length=2.5"), "a whole number", "2.5")
 
 
+def test_option_names_without_quotes_are_one_fault_each(cli: Cli, room: Path) -> None:
+    Path("bare.toml").write_text(
+        """
+        name = "bare"
+        pipeline = { name = "analytic", options = { robust.scale = 1e-1 } }
+        sequences = [{ name = "room", path = "room" }]
+        [space]
+        filter.max_error = { low = 1e-3, high = 1e-1 }
+        """
+    )
+
+    _assert_one_sentence(
+        cli("study", "create", "bare.toml"), "2 faults", '"robust.scale" = ...', '"filter.max_error" = ...'
+    )
+
+
+def test_what_a_study_lacks_is_named_by_its_flags_where_it_comes_from_flags(cli: Cli, room: Path) -> None:
+    Path("small.toml").write_text('pipeline = { name = "analytic" }\nname = "small"\n')
+
+    _assert_one_sentence(cli("study", "create", "small", "-p", "analytic"), "--sequence", "--range", "--values")
+    from_file = cli("study", "create", "small.toml")
+    _assert_one_sentence(from_file, "'space' is missing")
+    assert "--range" not in from_file.err
+
+
 def test_an_empty_folder_is_named(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "room").mkdir()
 
@@ -107,6 +132,8 @@ def test_a_storage_that_does_not_exist_is_not_created_by_reading(cli: Cli, tmp_p
     assert not (tmp_path / "none.db").exists()
 
 
-@pytest.mark.parametrize("text", ["filter.max_error", "filter.max_error=", "filter.max_error=1:2:3:4"])
+@pytest.mark.parametrize(
+    "text", ["filter.max_error", "filter.max_error=", "filter.max_error=1:2:3:4", "filter.max_error=1e-1:log"]
+)
 def test_a_malformed_range_shows_the_right_form(cli: Cli, room: Path, text: str) -> None:
     _assert_one_sentence(cli(*CREATE, "-r", text), "NAME=")

@@ -1,5 +1,6 @@
 import contextlib
 import json
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -7,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gtf_tune.definition import definition_from_dict, dump_definition, load_definition
+from gtf_tune.definition import SideMetricDefinition, definition_from_dict, dump_definition, load_definition
+from gtf_tune.definition.loading import section_from_dict
 from gtf_tune.errors import DefinitionError
 
 SOUND: dict[str, Any] = {
@@ -46,10 +48,64 @@ def test_a_definition_survives_its_canonical_json() -> None:
         ({"name": "a b"}, "letters, digits"),
         ({"sequences": [{"name": "a", "path": "a", "holdout": True}]}, "at least one sequence must not be a holdout"),
         ({"pipeline": {"name": "glomap", "options": {"mapper.min_tri_angle_deg": 1.0}}}, "either fixed or searched"),
+        ({"gtf": 5}, "'gtf': should be a table, not 5"),
+        ({"space": {"a.b": {"values": [1], "logg": True}}}, "unknown key 'space.\"a.b\".logg'; known are values"),
     ],
 )
 def test_a_fault_is_named_with_its_place(sections: dict[str, Any], words: str) -> None:
     assert words in _refused(**sections)
+
+
+@pytest.mark.parametrize(
+    ("sections", "said"),
+    [
+        ({"gtf": {"noise_sigma": "aut"}}, "'gtf.noise_sigma': should be a number or 'auto', not 'aut'"),
+        ({"gtf": {"noisy_runs": 2.5}}, "'gtf.noisy_runs': should be a whole number or a table, not 2.5"),
+        ({"gtf": {"noisy_runs": {"mx": 3}}}, "unknown key 'gtf.noisy_runs.mx'; did you mean 'max'?"),
+        (
+            {"sequences": [{"name": "a", "path": "a", "camera": "unkown"}]},
+            "'sequences[0].camera': should be a table, 'auto' or 'unknown', not 'unkown'",
+        ),
+        (
+            {"sequences": [{"name": "a", "path": "a", "camera": {"model": "PINHOLE"}}]},
+            "'sequences[0].camera.params' is missing",
+        ),
+        (
+            {"pipeline": {"name": "glomap", "options": {"a.b": [1]}}},
+            "'pipeline.options.\"a.b\"': should be true or false, a number or a text, not a list",
+        ),
+    ],
+)
+def test_a_place_that_takes_several_kinds_has_one_fault_in_plain_words(sections: dict[str, Any], said: str) -> None:
+    assert _refused(**sections) == f"photos.toml: {said}"
+
+
+def test_option_names_without_quotes_are_told_to_get_them() -> None:
+    data = """
+        pipeline = { name = "glomap", options = { mapper.ba.loss = 1, mapper.ba.scale = 2.0 } }
+        [space]
+        filter.max_error = { low = 1e-3, high = 1.0 }
+        filter.method.kind = { values = ["a", "b"] }
+        plain = { low = 1, hihg = 2 }
+        """
+
+    said = _refused(**tomllib.loads(data))
+
+    assert said == "photos.toml: 6 faults: " + "; ".join(
+        (
+            "(1) 'space.filter.max_error': write the name in quotes: \"filter.max_error\" = ...",
+            "(2) 'space.filter.method.kind': write the name in quotes: \"filter.method.kind\" = ...",
+            "(3) 'pipeline.options.mapper.ba.loss': write the name in quotes: \"mapper.ba.loss\" = ...",
+            "(4) 'pipeline.options.mapper.ba.scale': write the name in quotes: \"mapper.ba.scale\" = ...",
+            "(5) 'space.plain.high' is missing",
+            "(6) unknown key 'space.plain.hihg'; did you mean 'high'?",
+        )
+    )
+
+
+def test_a_section_of_its_own_suggests_its_own_keys() -> None:
+    with pytest.raises(DefinitionError, match=r"^--side: unknown key 'aligment'; did you mean 'alignment'\?$"):
+        section_from_dict(SideMetricDefinition, {"aligment": "se3"}, "--side")
 
 
 def test_all_faults_of_a_file_are_in_one_message() -> None:
@@ -65,7 +121,7 @@ def test_a_missing_file_and_broken_toml_are_named(tmp_path: Path) -> None:
 
     with pytest.raises(DefinitionError, match=r"broken\.toml: not valid TOML"):
         load_definition(broken)
-    with pytest.raises(DefinitionError, match=r"none\.toml: there is no such file"):
+    with pytest.raises(DefinitionError, match=r"none\.toml: there is no such file; give the path of a study def"):
         load_definition(tmp_path / "none.toml")
 
 

@@ -29,7 +29,8 @@ def faults(settings: Mapping[str, object]) -> str:
     ("settings", "fault"),
     [
         ({}, r"needs to know a program: give the setting 'preset' \(one of colmap-3\.8, .*orb_slam3"),
-        ({"preset": "orbslam3"}, "no preset 'orbslam3'; did you mean 'orb_slam3'"),
+        ({"preset": "orbslam3"}, r"no preset 'orbslam3'; did you mean 'orb_slam3' or 'orb_slam2'\?$"),
+        ({"preset": "zzz"}, "no preset 'zzz'; known are colmap-3.8, "),
         ({"preset": "dso", "definition": "x.toml"}, "either 'preset' or 'definition'"),
         ({"definition": "/no/such.toml"}, "no readable TOML file"),
         ({"arguments": PROGRAM, "steps": [{"name": "a", "arguments": PROGRAM}]}, "either 'arguments'"),

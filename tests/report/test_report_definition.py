@@ -46,3 +46,8 @@ def test_a_wrong_definition_is_refused_with_its_fault(tmp_path: Path, text: str,
 
     with pytest.raises(DefinitionError, match=re.escape(fault)):
         load_report_definition(path)
+
+
+def test_a_missing_file_is_asked_for_by_what_it_should_hold(tmp_path: Path) -> None:
+    with pytest.raises(DefinitionError, match="give the path of a report definition"):
+        load_report_definition(tmp_path / "none.toml")

@@ -20,7 +20,11 @@ def load_preset(name: str) -> dict[str, Any]:
     """Return the tables of a preset, or raise `DefinitionError` with the nearest names."""
     if name not in preset_names():
         near = get_close_matches(name, preset_names(), n=2, cutoff=0.4)
-        hint = f"did you mean {' or '.join(repr(one) for one in near)}" if near else "is it not"
-        raise DefinitionError(f"there is no preset '{name}'; {hint} one of {', '.join(preset_names())}?")
+        hint = (
+            f"did you mean {' or '.join(repr(one) for one in near)}?"
+            if near
+            else f"known are {', '.join(preset_names())}"
+        )
+        raise DefinitionError(f"there is no preset '{name}'; {hint}")
     path = files("gtf_tune.pipelines") / "presets" / f"{name}{_SUFFIX}"
     return tomllib.loads(path.read_text(encoding="utf-8"))
