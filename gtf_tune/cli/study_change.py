@@ -81,15 +81,19 @@ def extend(
 
     Example: gtf-tune study extend photos --trials 80
     """
-    from gtf_tune.study.extend import Extension, derive_study, extend_study
+    from gtf_tune.study.extend import Extension, derive_study, extend_study, has_trials_left
 
     hush_optuna()
     database = open_storage(storage)
     axes = {option: parse_range(text, bounds) for text in range_ or [] for option, bounds in [parse_pair(text, "-r")]}
     extension = Extension(trials, noisy_runs, axes)
     if new_name is None:
-        extend_study(database, name, extension)
+        extended = extend_study(database, name, extension)
         say(f"extended study '{name}'; workers that are at it now notice when they are started again")
+        if not has_trials_left(database, extended):
+            say("all of its trials are done, so nothing searches the new range yet; give it more trials")
+            say(f"Next: gtf-tune study extend {name} --trials N{storage_flag(database)}")
+            return
     else:
         derive_study(database, name, extension, new_name)
         say(f"created study '{new_name}' on the runs of '{name}'")

@@ -48,6 +48,8 @@ def extend_study(database: Database, name: str, extension: Extension) -> Study:
     ------
     DefinitionError
         Nothing should change, or a change would make trials incomparable; the message says why and what to do.
+    OptionError
+        The pipeline has no such option.
     """
     study = studies.get(database, name)
     definition = stored_definition(study)
@@ -68,6 +70,14 @@ def derive_study(database: Database, name: str, extension: Extension, new_name: 
     return create_study(database, checked_definition(data, f"study '{new_name}'"), Path(study.root))
 
 
+def has_trials_left(database: Database, study: Study) -> bool:
+    """Tell whether a study has a trial to begin or to end."""
+    definition = stored_definition(study)
+    counts = trials.counts(database, study.id)
+    budget = trial_budget(definition, build_space(definition, make_pipeline(definition).options))
+    return bool(counts.get("claimed")) or sum(counts.values()) < budget
+
+
 def _changed(definition: StudyDefinition, extension: Extension) -> dict[str, Any]:
     data: dict[str, Any] = definition.model_dump(mode="json")
     if extension.trials is not None:
@@ -81,7 +91,10 @@ def _changed(definition: StudyDefinition, extension: Extension) -> dict[str, Any
 def _refuse(definition: StudyDefinition, extension: Extension) -> None:
     name = definition.name
     if extension.is_empty:
-        raise DefinitionError(f"nothing to extend study '{name}' by; give --trials, or --range with --as")
+        raise DefinitionError(
+            f"nothing to extend study '{name}' by; give --trials or --range, or --noisy-runs for a new study with --as"
+        )
+    _refuse_unknown(definition, extension)
     derive = f"make a new study on the same runs with: gtf-tune study extend {name} --as NEW-NAME and the same flags"
     if extension.noisy_runs is not None and extension.noisy_runs != definition.gtf.noisy_runs:
         raise DefinitionError(
@@ -92,6 +105,14 @@ def _refuse(definition: StudyDefinition, extension: Extension) -> None:
         fault = _axis_fault(definition, option, axis)
         if fault:
             raise DefinitionError(f"the range of '{option}' cannot change in study '{name}': {fault}; {derive}")
+
+
+def _refuse_unknown(definition: StudyDefinition, extension: Extension) -> None:
+    """Raise `OptionError`, with the nearest names, for a range of an option that the pipeline has not."""
+    unsearched = {option: axis["low"] for option, axis in extension.axes.items() if option not in definition.space}
+    if unsearched:
+        table = make_pipeline(definition).options
+        table.check({option: low for option, low in unsearched.items() if option not in table.specs})
 
 
 def _axis_fault(definition: StudyDefinition, option: str, axis: Mapping[str, Any]) -> str:

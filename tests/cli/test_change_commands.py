@@ -41,6 +41,16 @@ def test_extend_gives_more_trials(tuned: Cli) -> None:
     assert len(json.loads(tuned("study", "show", "small", "--json").out)["trials"]) == 5
 
 
+def test_extend_asks_for_trials_where_none_is_left_to_search_a_wider_range(tuned: Cli) -> None:
+    wider = ("-r", "filter.max_error=1e-4:1:log")
+
+    spent = tuned("study", "extend", "small", *wider)
+    both = tuned("study", "extend", "small", *wider, "--trials", "6")
+
+    assert spent.err.splitlines()[-1] == "Next: gtf-tune study extend small --trials N"
+    assert both.err.splitlines()[-1] == "Next: gtf-tune study run small"
+
+
 def test_extend_refuses_what_cannot_be_compared_and_names_the_way_out(tuned: Cli) -> None:
     refused = tuned("study", "extend", "small", "--noisy-runs", "6")
     derived = tuned("study", "extend", "small", "--noisy-runs", "6", "--as", "more")

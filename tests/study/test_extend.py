@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from gtf_tune.errors import DefinitionError
+from gtf_tune.errors import DefinitionError, OptionError
 from gtf_tune.store import runs, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.study.extend import Extension, derive_study, extend_study
@@ -94,5 +94,14 @@ def test_a_derived_study_reuses_the_runs_that_are_the_same(room: Path, database:
 def test_nothing_to_extend_by_is_an_error(room: Path, database: Database, run_study: Runner) -> None:
     run_study(definition_of(room, search={"trials": 2}))
 
-    with pytest.raises(DefinitionError, match="nothing to extend"):
+    with pytest.raises(DefinitionError, match="nothing to extend study 'small' by; give --trials or --range, or"):
         extend_study(database, "small", Extension())
+
+
+def test_a_range_of_an_option_that_does_not_exist_is_answered_with_the_nearest_name(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    run_study(definition_of(room, search={"trials": 2}))
+
+    with pytest.raises(OptionError, match=r"unknown option 'filter.max_eror'.*did you mean 'filter.max_error'\?"):
+        extend_study(database, "small", Extension(axes={"filter.max_eror": AXIS["filter.max_error"]}))
