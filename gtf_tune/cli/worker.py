@@ -49,8 +49,9 @@ def worker(
 ) -> None:
     """Work on every open study of a storage, as one of many workers on many machines.
 
-    Waits for new studies until it is stopped, unless --once or --idle-exit say otherwise. SIGTERM and Ctrl-C finish
-    the runs in flight for 6 seconds at most, release the trial and end.
+    Waits for new studies until it is stopped, unless --once or --idle-exit say otherwise; with --once, trials that it
+    had to leave to others make it exit with 1. SIGTERM and Ctrl-C finish the runs in flight for 6 seconds at most,
+    release the trial and end.
 
     Example: gtf-tune worker --storage studies.db --once
     """
@@ -73,11 +74,19 @@ def worker(
     ):
         database = wait_for_storage(storage)
         _announce_closed(database, rules)
-        StudyServer(database, runs_on, rules, stop, say, _Lines).serve()
+        server = StudyServer(database, runs_on, rules, stop, say, _Lines)
+        server.serve()
     if stop.level:
         say("stopped; finished runs are kept")
         raise typer.Exit(INTERRUPTED_EXIT_CODE)
-    say("nothing is left to do")
+    left = server.left_to_others()
+    for one in left:
+        count = "the trials" if one.trials is None else f"{one.trials} trial{'s' if one.trials > 1 else ''}"
+        say(f"left {count} of study '{one.name}' to other workers: {one.reason}")
+    if not left:
+        say("nothing is left to do")
+    elif once:
+        raise typer.Exit(1)
 
 
 def _announce_closed(database: "Database", rules: "ServingRules") -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from gtf_tune.errors import DeletedError, GtfTuneError, StorageError
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.store import studies
+from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import StoredRun
 from gtf_tune.store.studies import Study
@@ -16,8 +16,9 @@ from gtf_tune.study.create import open_study
 from gtf_tune.study.evaluation import RunSlot
 from gtf_tune.study.events import Silent, StudyListener, TrialEnd
 from gtf_tune.study.heartbeat import GRACE_S, INTERVAL_S
-from gtf_tune.study.opened import OpenStudy
+from gtf_tune.study.opened import OpenStudy, make_pipeline, trial_budget
 from gtf_tune.study.places import SequencePlaces
+from gtf_tune.study.space import build_space
 from gtf_tune.study.stop import StopRequest
 from gtf_tune.study.stored import stored_definition
 from gtf_tune.study.worker import StudyWorker
@@ -65,6 +66,18 @@ class _Counting:
 
 
 @dataclass(frozen=True)
+class LeftStudy:
+    """Hold a study that this worker leaves to others, and why.
+
+    ``trials`` is how many it still has, ``None`` where that cannot be told without its pipeline.
+    """
+
+    name: str
+    trials: int | None
+    reason: str
+
+
+@dataclass(frozen=True)
 class _Refusal:
     record: Study
     reason: str
@@ -109,6 +122,23 @@ class StudyServer:
                 return
             self.stop.wait(pause_s * random.uniform(0.5, 1.0))
             pause_s = min(1.5 * pause_s, _LONGEST_PAUSE_S)
+
+    def left_to_others(self) -> list[LeftStudy]:
+        """Return the studies that have trials to do and cannot be worked on here."""
+        open_now = [record for record in self._open_now() if record.id in self._refused]
+        left = [LeftStudy(one.name, self._trials_left(one), self._refused[one.id].reason) for one in open_now]
+        return [one for one in left if one.trials != 0]
+
+    def _trials_left(self, record: Study) -> int | None:
+        try:
+            definition = stored_definition(record)
+            budget = trial_budget(definition, build_space(definition, make_pipeline(definition).options))
+        except StorageError:
+            raise
+        except GtfTuneError:
+            return None
+        counts = trials.counts(self.database, record.id)
+        return budget - sum(counts.values()) + counts.get("claimed", 0)
 
     def _open_now(self) -> list[Study]:
         found = studies.open_studies(self.database)

@@ -27,6 +27,20 @@ def test_a_worker_serves_what_is_open_and_says_so(cli: Cli, room: Path) -> None:
     assert "nothing is left to do" in said.err
 
 
+def test_a_worker_says_which_trials_it_had_to_leave_and_fails_with_once(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "-n", "2")
+    room.rename(room.with_name("elsewhere"))
+
+    once = cli("worker", "--once", "--study", "small")
+    idle = cli("worker", "--idle-exit", "0.01", "--study", "small")
+
+    assert (once.code, idle.code) == (1, 0)
+    assert "nothing is left" not in once.err + idle.err
+    for said in (once, idle):
+        last = said.err.splitlines()[-1]
+        assert last.startswith("left 2 trials of study 'small' to other workers: sequence 'room' is not at")
+
+
 def test_a_paused_study_is_not_run_until_it_is_resumed(cli: Cli, room: Path) -> None:
     cli(*CREATE, *AXIS, "-n", "2")
     cli("study", "pause", "small")
