@@ -8,11 +8,12 @@ import typer
 
 from gtf_tune.cli.console import number, write_json, write_pairs
 from gtf_tune.cli.grouping import GroupedCommands
+from gtf_tune.cli.matching import matched_files
 from gtf_tune.cli.parameters import Json
 
 if TYPE_CHECKING:
     from gtf_tune.metrics import ErrorStatistics
-    from gtf_tune.trajectory import Trajectory
+    from gtf_tune.trajectory import FloatArray
 
 app = typer.Typer(cls=GroupedCommands, help="Compute trajectory errors from files.", no_args_is_help=True)
 
@@ -61,7 +62,7 @@ Reference = Annotated[Path, typer.Argument(help="Reference trajectory (TUM, KITT
 Estimate = Annotated[Path, typer.Argument(help="Estimated trajectory.")]
 AlignmentFlag = Annotated[Alignment, typer.Option("--alignment", help="How the estimate is laid on the reference.")]
 FormatFlag = Annotated[Format, typer.Option("--format", help="Format of both files.")]
-MaxDifference = Annotated[float, typer.Option("--max-difference", help="Association tolerance in seconds.")]
+MaxDifference = Annotated[float, typer.Option("--max-difference", min=0.0, help="Association tolerance in seconds.")]
 
 
 @app.command("ate")
@@ -79,7 +80,7 @@ def ate(
     """
     from gtf_tune.metrics import aligned_errors, summarise
 
-    first, second = _matched(reference, estimate, format_, max_difference)
+    first, second = matched_files(reference, estimate, format_.value, max_difference)
     _write(summarise(aligned_errors(first, second, alignment.value)), "unit of the reference", json)
 
 
@@ -104,22 +105,22 @@ def rpe(
     """
     from gtf_tune.metrics import RpeSettings, rpe_errors, summarise
 
-    first, second = _matched(reference, estimate, format_, max_difference)
+    first, second = matched_files(reference, estimate, format_.value, max_difference)
     settings = RpeSettings(relation.value, delta, unit.value, pairs.value, alignment.value)
     shown = "degrees" if relation is Relation.rotation else "unit of the reference"
-    _write(summarise(rpe_errors(first, second, settings)), shown, json)
+    errors = rpe_errors(first, second, settings)
+    _require_pairs(errors, f"{delta:g} {unit.value}", len(first))
+    _write(summarise(errors), shown, json)
 
 
-def _matched(
-    reference: Path, estimate: Path, format_: Format, max_difference: float
-) -> tuple["Trajectory", "Trajectory"]:
-    """Return both trajectories with equal frame ids where their timestamps, or their image names, agree."""
-    from gtf_tune.trajectory import associate_by_name, associate_by_timestamp, matched, read_trajectory
+def _require_pairs(errors: "FloatArray", distance: str, poses: int) -> None:
+    from gtf_tune.errors import TrajectoryError
 
-    first, second = (read_trajectory(path, format_.value) for path in (reference, estimate))
-    if first.names and second.names:
-        return matched(first, second, associate_by_name(first, second))
-    return matched(first, second, associate_by_timestamp(first, second, max_difference))
+    if not len(errors):
+        raise TrajectoryError(
+            f"expected two of the {poses} matched poses {distance} apart, but no two are; lower --delta, or choose "
+            "another --unit"
+        )
 
 
 def _write(statistics: "ErrorStatistics", unit: str, json: bool) -> None:
@@ -127,4 +128,5 @@ def _write(statistics: "ErrorStatistics", unit: str, json: bool) -> None:
     if json:
         write_json({**values, "unit": unit})
         return
-    write_pairs({name: f"{value}" if name == "count" else number(value) for name, value in values.items()})
+    shown = {name: f"{value}" if name == "count" else number(value) for name, value in values.items()}
+    write_pairs({**shown, "unit": unit})

@@ -39,10 +39,32 @@ def read_trajectory(path: str | os.PathLike[str], format: TrajectoryFormat = "au
         The file cannot be read, is malformed (the message names the line), unsorted, or holds no poses.
     """
     file = Path(path)
-    known = _detected(file) if format == "auto" else format
+    known = detected_format(file) if format == "auto" else format
     if known not in _READERS:
         raise TrajectoryError(f"expected one of the formats auto, {', '.join(_READERS)}, not '{known}'")
     return _READERS[known](file)
+
+
+def detected_format(path: Path) -> str:
+    """Return the format that ``auto`` takes a file for.
+
+    Raises
+    ------
+    TrajectoryError
+        The file cannot be read, holds no poses, or has columns of no known format.
+    """
+    if path.is_dir() or path.suffix == ".bin" or path.name == "images.txt":
+        return "colmap"
+    for where, text in data_lines(path):
+        if "," in text:
+            return "euroc"
+        columns = len(text.split())
+        if columns not in _FORMAT_OF_COLUMNS:
+            raise TrajectoryError(
+                f"{where}: expected 8 columns (TUM), 12 (KITTI) or commas (EuRoC), not {columns} columns"
+            )
+        return _FORMAT_OF_COLUMNS[columns]
+    raise TrajectoryError(f"expected at least one pose in {path}, but it holds none")
 
 
 def write_tum(trajectory: Trajectory, path: str | os.PathLike[str]) -> None:
@@ -68,21 +90,6 @@ def write_kitti(trajectory: Trajectory, path: str | os.PathLike[str]) -> None:
     rotations = trajectory.rotations.as_matrix() if len(trajectory) else np.empty((0, 3, 3))
     matrices = np.concatenate([rotations, trajectory.positions[:, :, np.newaxis]], axis=2)
     _write(Path(path), "", matrices.reshape(-1, 12).tolist())
-
-
-def _detected(path: Path) -> str:
-    if path.is_dir() or path.suffix == ".bin" or path.name == "images.txt":
-        return "colmap"
-    for where, text in data_lines(path):
-        if "," in text:
-            return "euroc"
-        columns = len(text.split())
-        if columns not in _FORMAT_OF_COLUMNS:
-            raise TrajectoryError(
-                f"{where}: expected 8 columns (TUM), 12 (KITTI) or commas (EuRoC), not {columns} columns"
-            )
-        return _FORMAT_OF_COLUMNS[columns]
-    raise TrajectoryError(f"expected at least one pose in {path}, but it holds none")
 
 
 def _write(path: Path, header: str, rows: Iterable[list[float]]) -> None:
