@@ -20,8 +20,9 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.study.evaluation import RunSlot, RunSource, run_limits
 from gtf_tune.study.events import Silent
-from gtf_tune.study.noise import NoiseProbe, ObtainTrajectories, stored_trajectories
+from gtf_tune.study.noise import NoiseProbe, ObtainRuns, stored_runs
 from gtf_tune.study.noise_scale import NoiseScale
+from gtf_tune.study.objective import FinishedRun
 from gtf_tune.trajectory import Trajectory
 
 SEQUENCES = (ROOM, "dtu-scan24", "fountain-P11", "hut")
@@ -68,7 +69,7 @@ def run_ladder(bench: Bench, name: str) -> None:
     """Measure the ladder of a sequence; finished runs are kept."""
     with local_executor(bench.jobs) as executor:
         source = RunSource(bench.database, executor, run_limits(LimitsDefinition()), bench.stop, Silent())
-        _probe().measure(load_sequence(bench.folders[name]), stored_trajectories(source))
+        _probe().measure(load_sequence(bench.folders[name]), stored_runs(source))
 
 
 def read_ladder(database: Database, folders: Mapping[str, Path], name: str) -> Ladder:
@@ -90,14 +91,15 @@ def _probe() -> NoiseProbe:
     return NoiseProbe(create_pipeline("glomap"), dict(FIXED), GtfDefinition(), runs=RUNS, ladder=SIGMAS)
 
 
-def _only_stored(database: Database, seen: list[list[Trajectory]]) -> ObtainTrajectories:
-    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, Trajectory]:
+def _only_stored(database: Database, seen: list[list[Trajectory]]) -> ObtainRuns:
+    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, FinishedRun]:
         keys = {slot: request.key for slot, request in requests.items()}
-        if len(runs.find(database, list(keys.values()))) < len(keys):
+        stored = runs.find(database, list(keys.values()))
+        if len(stored) < len(keys):
             raise NotMeasuredError
         found = trajectories(database, list(keys.values()))
         seen.append([found[key] for key in keys.values()])
-        return {slot: found[key] for slot, key in keys.items()}
+        return {slot: FinishedRun(found[key], stored[key].error) for slot, key in keys.items()}
 
     return obtain
 

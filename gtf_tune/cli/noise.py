@@ -47,7 +47,7 @@ def noise(
     from gtf_tune.pipelines import create_pipeline
     from gtf_tune.sequence import load_sequence
     from gtf_tune.study.evaluation import run_limits
-    from gtf_tune.study.noise import NoiseProbe, fresh_trajectories
+    from gtf_tune.study.noise import NoiseProbe, fresh_runs
     from gtf_tune.study.noise_scale import LADDER
 
     chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))
@@ -57,7 +57,7 @@ def noise(
     probe = NoiseProbe(chosen, chosen.options.check(given), gtf, seed, runs, ladder)
     loaded = load_sequence(sequence, selection=parse_frames(frames))
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
-        found = probe.measure(loaded, fresh_trajectories(executor, run_limits(LimitsDefinition())), _say_level)
+        found = probe.measure(loaded, fresh_runs(executor, run_limits(LimitsDefinition())), _say_level)
     if figure:
         from gtf_tune.report.noise_page import write_noise_page
 

@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gtf_tune.alignment import MIN_MATCHED
 from gtf_tune.definition import GtfDefinition
+from gtf_tune.errors import TrajectoryError
 from gtf_tune.execution import Executor, RunLimits
 from gtf_tune.gtf import gtf_score
 from gtf_tune.pipelines import OptionValue, Pipeline
@@ -16,7 +18,7 @@ from gtf_tune.store import studies
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.study.evaluation import RunSlot, RunSource
 from gtf_tune.study.noise_scale import LADDER, NoiseLevel, NoiseScale, noise_scale
-from gtf_tune.study.objective import settings_of
+from gtf_tune.study.objective import FinishedRun, settings_of
 from gtf_tune.study.opened import OpenStudy
 from gtf_tune.study.plan import RunPlanner
 from gtf_tune.study.seeds import SeedSource
@@ -25,8 +27,8 @@ from gtf_tune.trajectory import Trajectory
 DEFAULT_RUNS = 4
 PURPOSE = "noise"
 
-ObtainTrajectories = Callable[[Mapping[RunSlot, RunRequest]], Mapping[RunSlot, Trajectory]]
-"""Return the trajectory of each request, empty for a failed run."""
+ObtainRuns = Callable[[Mapping[RunSlot, RunRequest]], Mapping[RunSlot, FinishedRun]]
+"""Return what came out of each request."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,7 @@ class NoiseProbe:
     def measure(
         self,
         sequence: ImageSequence,
-        obtain: ObtainTrajectories,
+        obtain: ObtainRuns,
         on_level: Callable[[NoiseLevel], None] = lambda _: None,
     ) -> NoiseScale:
         """Return the scale of a sequence; ``on_level`` hears of each level, and no level follows one with failed runs.
@@ -54,18 +56,19 @@ class NoiseProbe:
         Raises
         ------
         TrajectoryError
-            Even the weakest noise breaks runs.
+            Every run fails without noise already, or even the weakest noise breaks runs.
         """
         indices: list[tuple[RunKind, int]] = [("clean", index) for index in range(self.gtf.clean_runs + self.runs)]
         found = obtain(self._requests(sequence, indices, 0.0))
-        by_index = [found[RunSlot(sequence.name, "clean", index)] for _, index in indices]
+        _require_any(list(found.values()), sequence)
+        by_index = [found[RunSlot(sequence.name, "clean", index)].trajectory for _, index in indices]
         clean, others = by_index[: self.gtf.clean_runs], by_index[self.gtf.clean_runs :]
         floor = self._level(0.0, clean, others, len(sequence))
         on_level(floor)
         levels: list[NoiseLevel] = []
         for sigma in self.ladder:
             noisy = obtain(self._requests(sequence, [("noisy", index) for index in range(self.runs)], sigma))
-            levels.append(self._level(sigma, clean, list(noisy.values()), len(sequence)))
+            levels.append(self._level(sigma, clean, [one.trajectory for one in noisy.values()], len(sequence)))
             on_level(levels[-1])
             if levels[-1].failed:
                 break
@@ -102,29 +105,40 @@ class NoiseProbe:
         )
 
 
-def stored_trajectories(source: RunSource) -> ObtainTrajectories:
-    """Return a way to obtain trajectories that reuses and stores runs."""
+def _require_any(runs: Sequence[FinishedRun], sequence: ImageSequence) -> None:
+    """Raise `TrajectoryError` with the error of the first run where none of them has poses to compare."""
+    if any(len(one.trajectory) >= MIN_MATCHED for one in runs):
+        return
+    first = runs[0]
+    reason = first.error or f"it registered {len(first.trajectory)} of {len(sequence)} frames"
+    raise TrajectoryError(
+        f"every run on {sequence.name} fails without noise already, so none can be recommended; the first one: {reason}"
+    )
 
-    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, Trajectory]:
+
+def stored_runs(source: RunSource) -> ObtainRuns:
+    """Return a way to obtain runs that reuses and stores them."""
+
+    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, FinishedRun]:
         obtained = source.obtain(requests)
         found = trajectories(source.database, [one.run.key for one in obtained.values()])
-        return {slot: found[one.run.key] for slot, one in obtained.items()}
+        return {slot: FinishedRun(found[one.run.key], one.run.error) for slot, one in obtained.items()}
 
     return obtain
 
 
-def fresh_trajectories(
+def fresh_runs(
     executor: Executor, limits: RunLimits, on_run: Callable[[RunSlot, RunOutcome], None] = lambda slot, outcome: None
-) -> ObtainTrajectories:
-    """Return a way to obtain trajectories that stores nothing; ``on_run`` hears of each run."""
+) -> ObtainRuns:
+    """Return a way to obtain runs that stores nothing; ``on_run`` hears of each run."""
 
-    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, Trajectory]:
+    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, FinishedRun]:
         futures = {slot: executor.submit(request, limits) for slot, request in requests.items()}
         found = {}
         for slot, future in futures.items():
             outcome = future.result()
             on_run(slot, outcome)
-            found[slot] = outcome.trajectory
+            found[slot] = FinishedRun(outcome.trajectory, outcome.error)
         return found
 
     return obtain
@@ -147,7 +161,5 @@ def with_noise(study: OpenStudy, sequences: Mapping[str, ImageSequence], source:
     missing = {name: sequence for name, sequence in sequences.items() if name not in stored}
     definition = study.definition
     probe = NoiseProbe(study.pipeline, definition.pipeline.options, definition.gtf, definition.search.seed)
-    measured = {
-        name: probe.measure(sequence, stored_trajectories(source)).recommended for name, sequence in missing.items()
-    }
+    measured = {name: probe.measure(sequence, stored_runs(source)).recommended for name, sequence in missing.items()}
     return replace(study, sigmas=studies.resolve_noise(study.database, study.record.id, measured))

@@ -1,18 +1,23 @@
+from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gtf_tune.definition import GtfDefinition
+from gtf_tune.errors import TrajectoryError
 from gtf_tune.execution import InlineExecutor, RunLimits
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.pipelines.analytic import imaginary_sequence
+from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.study.confirm import confirm, plan_confirmation
 from gtf_tune.study.create import open_study
-from gtf_tune.study.evaluation import RunSource
+from gtf_tune.study.evaluation import RunSlot, RunSource
 from gtf_tune.study.events import Silent
-from gtf_tune.study.noise import NoiseProbe, fresh_trajectories
+from gtf_tune.study.noise import NoiseProbe, fresh_runs
+from gtf_tune.study.objective import FinishedRun
 from gtf_tune.study.stop import StopRequest
 from tests.study.conftest import Runner, definition_of, write_sequence
 
@@ -24,7 +29,7 @@ AUTO = {"pipeline": {"settings": STEADY}, "gtf": {"noise_sigma": "auto"}, "searc
 def test_the_analytic_pipeline_responds_linearly_to_noise() -> None:
     probe = NoiseProbe(create_pipeline("analytic", STEADY), {}, GtfDefinition(), runs=6)
 
-    scale = probe.measure(imaginary_sequence(40), fresh_trajectories(InlineExecutor(), LIMITS))
+    scale = probe.measure(imaginary_sequence(40), fresh_runs(InlineExecutor(), LIMITS))
 
     visible = [inside for level, inside in zip(scale.levels, scale.linear, strict=True) if level.sigma >= 1]
     assert all(visible)
@@ -35,7 +40,7 @@ def test_all_levels_see_the_same_noise_patterns() -> None:
     executor = InlineExecutor()
     probe = NoiseProbe(create_pipeline("analytic"), {}, GtfDefinition(), runs=3, ladder=(1.0, 2.0))
 
-    probe.measure(imaginary_sequence(20), fresh_trajectories(executor, LIMITS))
+    probe.measure(imaginary_sequence(20), fresh_runs(executor, LIMITS))
 
     noisy = [run for run in executor.executed if run.kind == "noisy"]
     assert [run.noise_sigma for run in noisy] == [1.0] * 3 + [2.0] * 3
@@ -46,7 +51,7 @@ def test_the_floor_compares_clean_runs_with_other_clean_runs() -> None:
     executor = InlineExecutor()
     probe = NoiseProbe(create_pipeline("analytic", STEADY), {}, GtfDefinition(), runs=3, ladder=(5.0,))
 
-    scale = probe.measure(imaginary_sequence(20), fresh_trajectories(executor, LIMITS))
+    scale = probe.measure(imaginary_sequence(20), fresh_runs(executor, LIMITS))
 
     assert [run.index for run in executor.executed if run.kind == "clean"] == [0, 1, 2, 3, 4]
     assert 0 < scale.floor.score < scale.levels[0].score / 3
@@ -93,8 +98,22 @@ def test_a_held_out_sequence_gets_its_noise_at_confirmation(
 
 
 def test_a_first_level_that_breaks_every_run_is_an_error() -> None:
-    broken = create_pipeline("analytic", {"collapse_rate": 1.0})
-    probe = NoiseProbe(broken, {"filter.max_error": 1e-6}, GtfDefinition(), runs=4, ladder=(5.0,))
+    probe = NoiseProbe(create_pipeline("analytic"), {}, GtfDefinition(), runs=4, ladder=(5.0,))
+    fresh = fresh_runs(InlineExecutor(), LIMITS)
 
-    with pytest.raises(Exception, match="no level of noise"):
-        probe.measure(imaginary_sequence(12), fresh_trajectories(InlineExecutor(), LIMITS))
+    def fragile(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, FinishedRun]:
+        kept = {"clean": np.arange(12), "noisy": np.arange(1)}
+        return {slot: FinishedRun(one.trajectory.select(kept[slot.kind])) for slot, one in fresh(requests).items()}
+
+    with pytest.raises(TrajectoryError, match="no level of noise"):
+        probe.measure(imaginary_sequence(12), fragile)
+
+
+def test_runs_that_fail_without_noise_give_the_error_of_the_first_one() -> None:
+    broken = create_pipeline("analytic", {"failure": "error", "failure_rate": 1.0})
+    executor = InlineExecutor()
+    probe = NoiseProbe(broken, {}, GtfDefinition(), runs=4)
+
+    with pytest.raises(TrajectoryError, match=r"fails without noise already.*the analytic pipeline was told to fail"):
+        probe.measure(imaginary_sequence(12), fresh_runs(executor, LIMITS))
+    assert all(run.kind == "clean" for run in executor.executed)
