@@ -137,15 +137,25 @@ def _one_by_one(database: Database, keys: list[str]) -> Iterator[str]:
 
 
 def _notes(database: Database) -> Iterator[str]:
-    used = select(models.TrialRun.run_id).where(models.TrialRun.run_id == models.Run.id)
-    unused = _count(database, select(func.count(models.Run.id)).where(~used.exists()))
+    unused = len(_unused_runs(database))
     if unused:
-        yield f"{unused} runs belong to no trial: single evaluations, or trials that were stopped; they will be reused"
+        yield (
+            f"{unused} runs belong to no trial and no confirmation: measurements of noise, or trials that were "
+            "stopped; they will be reused"
+        )
     for study in [studies.get(database, name) for name in studies.names(database)]:
         if study.state == "copying":
             yield f"study '{study.name}' is an unfinished copy; delete it with 'gtf-tune study delete {study.name}'"
         if trials.untold(database, study.id):
             yield f"Optuna has not been told the end of some trials of '{study.name}'; the next worker does so"
+
+
+def _unused_runs(database: Database) -> set[str]:
+    """Return the keys of the runs that neither a trial nor a confirmation uses."""
+    used = select(models.TrialRun.run_id).where(models.TrialRun.run_id == models.Run.id)
+    of_no_trial = {key for (key,) in read_rows(database, select(models.Run.key).where(~used.exists()))}
+    plans = [plan for (plan,) in read_rows(database, select(models.Confirmation.definition))] if of_no_trial else []
+    return of_no_trial - {key for plan in plans for key in plan.get("run_keys") or ()}
 
 
 def _count(database: Database, query: Select[int]) -> int:

@@ -5,7 +5,7 @@ from sqlalchemy import text
 
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
-from gtf_tune.store import runs, slots, studies
+from gtf_tune.store import confirmations, runs, slots, studies
 from gtf_tune.store.check import check
 from gtf_tune.store.database import Database, open_database
 from gtf_tune.store.optuna_tables import delete_optuna_study, optuna_storage
@@ -121,3 +121,15 @@ def test_leftovers_are_notes(
     report = check(used)
     assert report.ok
     assert [note.split(" ")[0] for note in report.notes] == ["1", "study"]
+
+
+def test_runs_of_a_confirmation_are_no_leftovers(
+    used: Database, study: Study, make_request: Callable[..., RunRequest], make_outcome: Callable[..., RunOutcome]
+) -> None:
+    confirmed = [runs.save(used, make_request("clean", index), make_outcome(index)).key for index in (5, 6)]
+    runs.save(used, make_request("clean", 7), make_outcome(7))
+    confirmations.add(used, study.id, {"run_keys": confirmed}, {}, "adopt")
+
+    (note,) = check(used).notes
+
+    assert note.startswith("1 runs belong to no trial and no confirmation")
