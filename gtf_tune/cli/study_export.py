@@ -83,6 +83,7 @@ def _trials_csv(database: "Database", study: "Study") -> str:
 
     known = trials.of_study(database, study.id)
     truth = TrueErrors(stored_definition(study).side_metric, validations.values(database, study.id))
+    versions = trials.version_mismatches(database, study.id)
     names = list(dict.fromkeys(option for trial in known for option in trial.options or {}))
     sequences = sorted(truth.sequences)
     facts = ("ordinal", "state", "feasible", "value", "standard_error", "ci_low", "ci_high", "coverage")
@@ -91,12 +92,14 @@ def _trials_csv(database: "Database", study: "Study") -> str:
     rows = [
         [
             *known_facts(trial),
+            versions.get(trial.ordinal),
             *(truth.value(trial.ordinal, sequence) for sequence in sequences),
             *((trial.options or {}).get(option) for option in names),
         ]
         for trial in known
     ]
-    return export_module.table_csv([*facts, *more, *(f"{truth.side.key}:{one}" for one in sequences), *names], rows)
+    columns = [*facts, *more, "version_mismatch", *(f"{truth.side.key}:{one}" for one in sequences), *names]
+    return export_module.table_csv(columns, rows)
 
 
 def _write_trajectories(database: "Database", trial: "Trial", folder: Path) -> None:

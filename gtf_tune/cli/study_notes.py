@@ -1,5 +1,6 @@
 """Warn of what makes the outcome of a study worth little."""
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from gtf_tune.cli.console import say
@@ -7,6 +8,7 @@ from gtf_tune.cli.console import say
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
 
+STOPPED_EARLY = "* stopped early, on fewer noisy runs than the others: not to be picked"
 _GOOD_COVERAGE = 0.9
 
 
@@ -31,4 +33,20 @@ def warn_of_lost_frames(database: "Database", study_id: int) -> None:
                 f"warning: on {name} noise costs the nominal setting frames ({clean:.0%} without it, "
                 f"{found['coverage']:.0%} in the worst run), so the score says little; find a weaker noise with "
                 "'gtf-tune noise', and create a new study with --noise-sigma"
+            )
+
+
+def warn_of_mixed_versions(database: "Database", study_id: int, ordinals: Collection[int]) -> None:
+    """Say on stderr which of some trials were made by another version of the pipeline than nominal."""
+    from gtf_tune.store import trials
+
+    found = trials.version_mismatches(database, study_id, {0, *ordinals})
+    for ordinal in sorted(set(ordinals) - {0}):
+        if found.get(ordinal) != found.get(0):
+            notes = [
+                f"the worker of trial {one} noted that the study {found[one]}" for one in (0, ordinal) if one in found
+            ]
+            say(
+                f"warning: nominal and trial {ordinal} were made by different versions of the pipeline, which may be "
+                f"what sets them apart; {' and '.join(notes)}"
             )

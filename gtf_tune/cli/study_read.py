@@ -15,7 +15,7 @@ from gtf_tune.cli.console import (
 )
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
-from gtf_tune.cli.study_notes import warn_of_lost_frames
+from gtf_tune.cli.study_notes import STOPPED_EARLY, warn_of_lost_frames, warn_of_mixed_versions
 from gtf_tune.cli.true_errors import TrueErrors
 
 if TYPE_CHECKING:
@@ -79,7 +79,11 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     definition = stored_definition(study)
     truth = TrueErrors(definition.side_metric, validations.values(database, study.id))
     if json:
-        shown = [{**vars(one), **truth.as_json(one.ordinal)} for one in trials.of_study(database, study.id)]
+        versions = trials.version_mismatches(database, study.id)
+        shown = [
+            {**vars(one), "version_mismatch": versions.get(one.ordinal), **truth.as_json(one.ordinal)}
+            for one in trials.of_study(database, study.id)
+        ]
         write_json(
             {
                 "name": study.name,
@@ -124,6 +128,8 @@ def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE
         write_json(_pick_as_json(found, recommended))
         return
     _write_pick(found, recommended, stored_definition(study))
+    picks = [one for one in (recommended.trial, found.best) if one is not None]
+    warn_of_mixed_versions(database, study.id, [one.ordinal for one in picks])
     warn_of_lost_frames(database, study.id)
     if recommended.verdict == UNCONFIRMED:
         say("unconfirmed: the best of many trials looks better than it is")
@@ -195,7 +201,7 @@ def _write_trials(chosen: list["Trial"], truth: TrueErrors, unit: "ScoreUnit", n
         rows.append(row)
     write_table(columns, rows)
     if any(trial.state == "pruned" for trial in chosen):
-        write_line("* stopped early, on fewer noisy runs than the others: not to be picked")
+        write_line(STOPPED_EARLY)
 
 
 def _short_names(names: list[str]) -> list[str]:

@@ -1,10 +1,10 @@
 """Read trials: all of a study, the nominal one, the best one."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Executable, Select, String, case, cast, column, func, select, table
+from sqlalchemy import Executable, Select, String, Text, case, cast, column, func, select, table, type_coerce
 
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.options import OptionValue
@@ -133,6 +133,19 @@ def details(database: Database, trial_ids: list[int]) -> dict[int, Mapping[str, 
     """Return the matrices that were stored with each trial."""
     query = select(models.Trial.id, models.Trial.detail).where(models.Trial.id.in_(trial_ids))
     return {row[0]: row[1] for row in read_rows(database, query)}
+
+
+def version_mismatches(database: Database, study_id: int, ordinals: Collection[int] | None = None) -> dict[int, str]:
+    """Return how the pipeline that made a trial differs from the one that its study began with, by ordinal.
+
+    Trials of the same version are absent. ``ordinals`` are the trials to look at, all where there are none given.
+    """
+    trial = models.Trial
+    noted = type_coerce(trial.detail, Text).contains('"version_mismatch":', autoescape=True)
+    query = select(trial.ordinal, trial.detail).where(trial.study_id == study_id, noted)
+    if ordinals is not None:
+        query = query.where(trial.ordinal.in_(ordinals))
+    return {ordinal: detail["version_mismatch"] for ordinal, detail in read_rows(database, query)}
 
 
 def counts(database: Database, study_id: int) -> dict[TrialState, int]:

@@ -1,4 +1,6 @@
 import contextlib
+import csv
+import json
 import sqlite3
 from pathlib import Path
 
@@ -49,6 +51,44 @@ def test_frames_that_noise_costs_are_told_apart_from_those_missing_anyway(cli: C
 
     assert "noise costs the nominal setting frames (100% without it, 40% in the worst run)" in said
     assert "registers only" not in said
+
+
+def test_trials_of_another_version_say_so_and_a_pick_among_them_is_warned_of(
+    cli: Cli, room: Path, tmp_path: Path
+) -> None:
+    cli(*CREATE, *AXIS)
+    cli("study", "run", "small", "-j", "1")
+    pick = json.loads(cli("study", "best", "small", "--json").out)["best"]["ordinal"]
+    _note_version(tmp_path, pick)
+
+    best = cli("study", "best", "small").err
+    shown = json.loads(cli("study", "show", "small", "--json").out)["trials"]
+    rows = list(csv.DictReader(cli("study", "export", "small", "--format", "csv").out.splitlines()))
+
+    assert pick > 0
+    assert f"warning: nominal and trial {pick} were made by different versions of the pipeline" in best
+    assert f"the worker of trial {pick} noted that the study began with analytic 0" in best
+    expected = {0: None, 1: None, 2: None, pick: "began with analytic 0, but 1 is installed here"}
+    assert {one["ordinal"]: one["version_mismatch"] for one in shown} == expected
+    assert {int(one["ordinal"]): one["version_mismatch"] or None for one in rows} == expected
+
+
+def test_a_pick_of_the_version_of_nominal_is_not_warned_of(cli: Cli, room: Path, tmp_path: Path) -> None:
+    cli(*CREATE, *AXIS)
+    cli("study", "run", "small", "-j", "1")
+    for ordinal in range(3):
+        _note_version(tmp_path, ordinal)
+
+    assert "different versions" not in cli("study", "best", "small").err
+
+
+def _note_version(folder: Path, ordinal: int) -> None:
+    with contextlib.closing(sqlite3.connect(folder / "gtf-tune.db", isolation_level=None)) as database:
+        database.execute(
+            "UPDATE gtf_trial SET detail = json_set(detail, '$.version_mismatch', "
+            "'began with analytic 0, but 1 is installed here') WHERE ordinal = ?",
+            (ordinal,),
+        )
 
 
 def test_images_are_shrunk_on_request(cli: Cli, room: Path) -> None:

@@ -144,6 +144,9 @@ def test_another_version_is_refused_or_recorded_as_asked(
     assert "began with analytic 1, but 2 is installed here" in refused
     first = trials.get(database, study.id, 0)
     assert trials.details(database, [first.id])[first.id]["version_mismatch"].endswith("2 is installed here")
+    noted = "began with analytic 1, but 2 is installed here"
+    assert trials.version_mismatches(database, study.id) == {0: noted, 1: noted, 2: noted}
+    assert trials.version_mismatches(database, study.id, [1, 7]) == {1: noted}
 
 
 def test_a_worker_leaves_when_it_was_idle_for_long_enough(database: Database) -> None:
