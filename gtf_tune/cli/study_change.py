@@ -9,6 +9,7 @@ from gtf_tune.cli.console import percent, say, write_json, write_line, write_tab
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
 from gtf_tune.cli.study_create import Range, parse_range
+from gtf_tune.cli.study_notes import STOPPED_EARLY
 from gtf_tune.cli.study_run import Places, place_folders
 from gtf_tune.cli.true_errors import Side, TrueErrors
 from gtf_tune.cli.values import parse_pair, parse_pairs
@@ -128,14 +129,16 @@ def _write(found: "Rescored", truth: TrueErrors, unit: "ScoreUnit") -> None:
                 str(one.trial.ordinal),
                 str(one.rank or "-"),
                 str(one.rank_before or "-"),
-                unit.text(one.score.value) if one.score.feasible else "infeasible",
+                f"{unit.text(one.score.value)}{_mark(one)}" if one.score.feasible else "infeasible",
                 change,
-                f"{_collapsed(one):.0%}",
+                "-" if (collapsed := _collapsed(one)) is None else f"{collapsed:.0%}",
                 *truth.cells(one.trial.ordinal),
             )
         )
     title = f">{unit.name} [{unit.short}]"
     write_table([">trial", ">rank", ">before", title, ">vs nominal", ">collapsed", *truth.columns], rows)
+    if any(_mark(one) for one in found.trials):
+        write_line(STOPPED_EARLY)
     if found.best is not None:
         for option, value in (found.best.trial.options or {}).items():
             write_line(f"{option} = {value}")
@@ -164,7 +167,11 @@ def _as_json(found: "Rescored", truth: TrueErrors) -> dict[str, Any]:
     }
 
 
-def _collapsed(one: "RescoredTrial") -> float:
-    """Return the share of noisy runs that collapsed, over all sequences."""
+def _mark(one: "RescoredTrial") -> str:
+    return "*" if one.trial.state == "pruned" else ""
+
+
+def _collapsed(one: "RescoredTrial") -> float | None:
+    """Return the share of noisy runs that collapsed, over all sequences; ``None`` where there are none."""
     flags = [flag for found in one.score.by_sequence.values() if found.score for flag in found.score.collapsed]
-    return sum(flags) / len(flags) if flags else 0.0
+    return sum(flags) / len(flags) if flags else None

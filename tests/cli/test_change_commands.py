@@ -1,4 +1,6 @@
+import contextlib
 import json
+import sqlite3
 from pathlib import Path
 
 import pytest
@@ -32,6 +34,32 @@ def test_rescore_shows_another_error_against_ground_truth_with_its_unit(tuned: C
     assert "[deg]" in shown.out
     assert found["side_metric"]["rpe_delta"] == 2
     assert all(one["gt_rpe_rotation"] == one["ground_truth"]["room"] >= 0 for one in found["trials"])
+
+
+def _rows(table: str) -> dict[str, list[str]]:
+    return {line.split()[0]: line.split() for line in table.splitlines() if line.split()[0:1]}
+
+
+def test_rescore_marks_trials_that_were_stopped_early(tuned: Cli, tmp_path: Path) -> None:
+    with contextlib.closing(sqlite3.connect(tmp_path / "gtf-tune.db", isolation_level=None)) as database:
+        database.execute("UPDATE gtf_trial SET state = 'pruned' WHERE ordinal = 1")
+
+    shown = tuned("study", "rescore", "small").out
+
+    assert _rows(shown)["1"][3].endswith("*")
+    assert "* stopped early, on fewer noisy runs than the others: not to be picked" in shown
+
+
+def test_rescore_knows_no_collapses_of_trials_without_noisy_runs(cli: Cli, room: Path) -> None:
+    space = ("--values", "filter.max_error=0.01,1e-6")
+    cli("study", "create", "strict", "-p", "analytic", "-s", "room", "-k", "1", "-K", "3", *space)
+    cli("study", "run", "strict", "--jobs", "1")
+
+    shown = cli("study", "rescore", "strict")
+    found = json.loads(cli("study", "rescore", "strict", "--json").out)
+
+    assert _rows(shown.out)["1"][3:6] == ["infeasible", "-", "-"]
+    assert [one["collapse_rate"] for one in found["trials"]] == [0.0, None]
 
 
 def test_extend_gives_more_trials(tuned: Cli) -> None:
