@@ -80,7 +80,7 @@ def build_sections(report: ReportInput) -> list[Section]:
 
 
 def read_settings(database: Database, data: StudyData) -> dict[str, tuple[SettingRuns, ...]]:
-    """Return the trajectories of the nominal and of the best trial, by sequence."""
+    """Return the trajectories of the nominal and of the recommended trial, else the best one, by sequence."""
     by_trial = [
         read_setting(database, data, f"{name} (trial {ordinal})", ordinal) for name, ordinal in compared_trials(data)
     ]

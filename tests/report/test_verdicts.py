@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from gtf_tune.report.build import read_settings
+from gtf_tune.report.panels.runs import compared_trials
 from gtf_tune.report.panels.verdict import verdict_headline, verdict_sentences
 from gtf_tune.report.study_data import StudyData, read_search, read_study
 from gtf_tune.report.tables.verdict import study_verdict
@@ -46,6 +48,27 @@ def test_a_confirmed_candidate_is_to_be_adopted(own_database: Database, confirm_
     assert (verdict.kind, verdict.ordinal) == ("adopt", 3)
     assert verdict.improvement.value == 0.31
     assert verdict_headline(verdict) == "Adopt the options of trial 3"
+
+
+def test_the_adopted_trial_is_drawn_beside_nominal_though_another_was_the_best_of_the_search(
+    own_database: Database, confirm_study: Confirm
+) -> None:
+    confirm_study(own_database, "adopt")
+    data = read_study(own_database, "synthetic")
+    (found,) = data.confirmations
+    (best,) = found.result["candidates"]
+    both = {"candidates": [best, {**best, "ordinal": 8}], "adopted": 8}
+    data = replace(data, confirmations=(replace(found, result={**found.result, **both}),))
+
+    settings = read_settings(own_database, data)["walk"]
+
+    assert verdict_headline(study_verdict(data)) == "Adopt the options of trial 8"
+    assert compared_trials(data) == [("nominal", 0), ("recommended", 8)]
+    assert [one.title for one in settings] == ["nominal (trial 0)", "recommended (trial 8)"]
+
+
+def test_the_best_trial_is_drawn_beside_nominal_until_one_is_adopted(data: StudyData) -> None:
+    assert compared_trials(data) == [("nominal", 0), ("best", 3)]
 
 
 def test_nominal_is_kept_where_no_candidate_was_confirmed(own_database: Database, confirm_study: Confirm) -> None:

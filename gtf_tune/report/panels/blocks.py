@@ -27,8 +27,9 @@ Block = Html | Drawing
 class ReportInput:
     """Hold all that a report shows.
 
-    ``snippets`` are texts to copy, by their label. ``settings`` are the runs of the nominal and of the best setting by
-    sequence, in this order as far as they exist; ``logs`` are the logs of failed runs by their keys.
+    ``snippets`` are texts to copy, by their label. ``settings`` are the runs of the nominal and of the recommended
+    setting, else the best one, by sequence, in this order as far as they exist; ``logs`` are the logs of failed runs by
+    their keys.
     """
 
     data: StudyData

@@ -1,4 +1,4 @@
-"""Show the runs of the nominal and of the best setting: trajectories, matrices, frames."""
+"""Show the runs of the nominal and of the recommended setting: trajectories, matrices, frames."""
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from gtf_tune.report.panels.blocks import Block, Drawing, ReportInput
 from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.details import SequenceDetail, sequence_detail
 from gtf_tune.report.tables.trajectories import FrameSpread, align_runs, frame_spread, lay_on_each_other
+from gtf_tune.report.tables.verdict import study_verdict
 from gtf_tune.report.units import ScoreUnit, sequence_unit
 
 # Browsers keep at most 8 to 16 WebGL scenes of a page alive; each sequence takes two.
@@ -38,7 +39,7 @@ def trajectories_panel(report: ReportInput) -> list[Block]:
 
 
 def matrices_panel(report: ReportInput) -> list[Block]:
-    """Return the matrix of errors of the nominal and of the best trial on each sequence, in common colours."""
+    """Return the matrix of errors of each compared trial on each sequence, in common colours."""
     data, unit = report.data, sequence_unit(report.data.definition.gtf)
     blocks: list[Block] = []
     for sequence in data.sequences:
@@ -74,9 +75,12 @@ def frames_panel(report: ReportInput) -> list[Block]:
 
 
 def compared_trials(data: StudyData) -> list[tuple[str, int]]:
-    """Return name and ordinal of the trials that are shown side by side."""
+    """Return name and ordinal of the trials that are shown side by side: nominal and the adopted one, else the best."""
     compared = [("nominal", 0)] if any(one.ordinal == 0 for one in data.trials) else []
-    if data.best is not None and data.best.ordinal != 0:
+    verdict = study_verdict(data)
+    if verdict.kind == "adopt" and verdict.ordinal is not None:
+        compared.append(("recommended", verdict.ordinal))
+    elif data.best is not None and data.best.ordinal != 0:
         compared.append(("best", data.best.ordinal))
     return compared
 
