@@ -84,6 +84,15 @@ def test_the_best_trial_is_feasible_and_the_first_of_equals(database: Database, 
     assert trials.counts(database, study.id) == {"complete": 4}
 
 
+def test_trials_of_another_version_are_found_without_the_others(database: Database, study: Study) -> None:
+    for detail in ({"m": [0.5]}, {"m": [0.4], "version_mismatch": "began with 1"}, {"versionXmismatch": "no"}):
+        run_trial(database, study, 0.5, detail=detail)
+
+    assert trials.version_mismatches(database, study.id) == {1: "began with 1"}
+    assert trials.version_mismatches(database, study.id, {0, 1}) == {1: "began with 1"}
+    assert trials.version_mismatches(database, study.id, {0}) == {}
+
+
 def test_an_infinite_value_is_kept_and_nan_is_none(database: Database, study: Study) -> None:
     run_trial(database, study, float("inf"), standard_error=float("nan"))
     trial = trials.get(database, study.id, 0)
