@@ -94,3 +94,13 @@ def test_scores_and_true_errors_carry_the_units_that_the_definition_asks_for(cli
     assert "deg" in best
     assert "‰" not in shown + best
     assert "gt_rpe_translation:room" in header
+
+
+def test_a_study_whose_runs_all_failed_has_a_report_that_says_why(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "--setting", "failure=error")
+    cli("study", "run", "small", "--jobs", "1")
+
+    said = cli("study", "report", "small")
+
+    assert said.code == 0, said.err
+    assert "runs: the analytic pipeline was told to fail" in Path("small.html").read_text(encoding="utf-8")

@@ -109,3 +109,12 @@ def test_a_frame_missing_from_some_runs_is_counted() -> None:
     assert spread.registered[3] == 0.5
     assert np.isnan(spread.median[3])
     assert (np.delete(spread.registered, 3) == 1).all()
+
+
+def test_a_setting_whose_runs_all_failed_has_no_frames_to_speak_of() -> None:
+    nothing = Trajectory.empty()
+
+    for failed in (setting([nothing, nothing], []), setting([nothing], [nothing, nothing])):
+        spread = frame_spread(failed)
+
+        assert spread.frame_ids.size == spread.median.size == spread.registered.size == spread.fragile.size == 0

@@ -90,7 +90,8 @@ def frame_spread(runs: SettingRuns) -> FrameSpread:
     reference = next((one for one in runs.clean if len(one)), None)
     extent = _View.of(reference).extent if reference is not None else math.nan
     distances = _distances(runs.clean, runs.noisy, frame_ids, runs.alignment)
-    median = _PER_MILLE * _median(distances.reshape(-1, len(frame_ids))) / extent
+    pairs = len(runs.clean) * len(runs.noisy)  # given, as -1 cannot be worked out where no run has a frame
+    median = _PER_MILLE * _median(distances.reshape(pairs, len(frame_ids))) / extent
     present = np.array([np.isin(frame_ids, one.frame_ids) for one in everyone], dtype=np.float64)
     registered = present.mean(axis=0) if everyone else np.empty(0)
     return FrameSpread(runs.title, frame_ids, median, registered, far_above_median(median))
