@@ -42,7 +42,7 @@ def evaluate(
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.pipelines import create_pipeline
     from gtf_tune.report.units import sequence_unit
-    from gtf_tune.sequence import load_sequence
+    from gtf_tune.sequence import FEWEST_FRAMES, load_sequence
     from gtf_tune.study.evaluate import Setting, evaluate_setting
 
     gtf = section_from_dict(
@@ -54,7 +54,7 @@ def evaluate(
     given = parse_pairs(option, "--option")
     measured = section_from_dict(SideMetricDefinition, parse_pairs(side, "--side"), source="--side")
     wanted = Setting(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
-    loaded = load_sequence(sequence, selection=parse_frames(frames))
+    loaded = load_sequence(sequence, selection=parse_frames(frames), fewest=FEWEST_FRAMES)
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
         found = evaluate_setting(wanted, loaded, executor, on_run=say)
     if json:

@@ -45,7 +45,7 @@ def noise(
     from gtf_tune.cli.values import parse_frames, parse_pairs
     from gtf_tune.definition import GtfDefinition, LimitsDefinition
     from gtf_tune.pipelines import create_pipeline
-    from gtf_tune.sequence import load_sequence
+    from gtf_tune.sequence import FEWEST_FRAMES, load_sequence
     from gtf_tune.study.evaluation import run_limits
     from gtf_tune.study.noise import NoiseProbe, fresh_runs
     from gtf_tune.study.noise_scale import LADDER
@@ -55,7 +55,7 @@ def noise(
     ladder = _ladder(sigmas) if sigmas else LADDER
     gtf = GtfDefinition(clean_runs=clean_runs)
     probe = NoiseProbe(chosen, chosen.options.check(given), gtf, seed, runs, ladder)
-    loaded = load_sequence(sequence, selection=parse_frames(frames))
+    loaded = load_sequence(sequence, selection=parse_frames(frames), fewest=FEWEST_FRAMES)
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
         found = probe.measure(loaded, fresh_runs(executor, run_limits(LimitsDefinition())), _say_level)
     if figure:

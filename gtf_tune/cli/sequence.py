@@ -40,7 +40,7 @@ def inspect(
     Example: gtf-tune sequence inspect images/
     """
     from gtf_tune.cli.values import parse_frames
-    from gtf_tune.sequence import inspect_sequence, load_sequence
+    from gtf_tune.sequence import FEWEST_FRAMES, inspect_sequence, load_sequence
 
     report = inspect_sequence(load_sequence(path, layout=layout, selection=parse_frames(frames)))
     if json:
@@ -52,7 +52,8 @@ def inspect(
         write_line(f"note: {note}")
     for warning in report.warnings:
         write_line(f"warning: {warning}")
-    say(f"Next: gtf-tune study create {report.name} --sequence {path} --range {_FIRST_RANGE}")
+    if report.frames >= FEWEST_FRAMES:
+        say(f"Next: gtf-tune study create {report.name} --sequence {path} --range {_FIRST_RANGE}")
 
 
 @app.command("layouts")

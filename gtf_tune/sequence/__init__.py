@@ -3,7 +3,7 @@
 from gtf_tune.sequence.camera import MODEL_PARAMS, Camera, pinhole_from_opencv
 from gtf_tune.sequence.inspection import Gap, SequenceReport, inspect_sequence
 from gtf_tune.sequence.layouts.registry import layout_help, layout_names
-from gtf_tune.sequence.loading import load_sequence
+from gtf_tune.sequence.loading import FEWEST_FRAMES, load_sequence
 from gtf_tune.sequence.render.room import RoomSpec, render_room
 from gtf_tune.sequence.selection import Selection
 from gtf_tune.sequence.source import ImageSource
@@ -11,6 +11,7 @@ from gtf_tune.sequence.value import Frame, Sequence
 from gtf_tune.sequence.video import Extraction, extract_video
 
 __all__ = [
+    "FEWEST_FRAMES",
     "MODEL_PARAMS",
     "Camera",
     "Extraction",

@@ -9,12 +9,12 @@ import numpy as np
 
 from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.content import FrameContent, PairContent, frame_content, pair_content
+from gtf_tune.sequence.loading import FEWEST_FRAMES
 from gtf_tune.sequence.value import Sequence
 
 _CHECKED_FRAMES = 60
 _NAMED_FRAMES = 5
 
-_FEWEST_FRAMES = 4
 _FEWEST_CORNERS = 150
 _FEWEST_MATCHES = 40
 _BLUR_SHARE = 0.3
@@ -186,10 +186,11 @@ def _sentence(frame_ids: list[int], checked: int, words: str) -> Iterable[str]:
 
 
 def _warn_of_facts(sequence: Sequence, gaps: tuple[Gap, ...]) -> Iterable[str]:
-    if len(sequence) < _FEWEST_FRAMES:
-        yield f"{len(sequence)} images are too few: trajectories are compared over at least {_FEWEST_FRAMES}"
+    if len(sequence) < FEWEST_FRAMES:
+        few = "1 image is" if len(sequence) == 1 else f"{len(sequence)} images are"
+        yield f"{few} too few for a study: trajectories are compared over at least {FEWEST_FRAMES}"
     if gaps:
-        yield f"the recording has {len(gaps)} gaps; sequential matching may not bridge them"
+        yield f"the recording has {len(gaps)} gap{'s' if len(gaps) > 1 else ''}; sequential matching may not bridge them"
     yield from _warn_of_camera(sequence.camera)
     yield from _warn_of_ground_truth(sequence)
 
@@ -214,5 +215,5 @@ def _warn_of_ground_truth(sequence: Sequence) -> Iterable[str]:
     if len(truth) < len(sequence):
         yield f"ground truth covers {len(truth)} of {len(sequence)} images"
     spread = np.linalg.svd(truth.positions - truth.positions.mean(axis=0), compute_uv=False)
-    if len(truth) < _FEWEST_FRAMES or spread[0] == 0 or spread[1] < _LINE_TOLERANCE * spread[0]:
+    if len(truth) < FEWEST_FRAMES or spread[0] == 0 or spread[1] < _LINE_TOLERANCE * spread[0]:
         yield "true positions are too few or lie on a line: trajectories cannot be aligned to them with certainty"

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gtf_tune.alignment import MIN_MATCHED
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.images import image_size
@@ -13,6 +14,9 @@ from gtf_tune.sequence.layouts.registry import AUTO, find_layout
 from gtf_tune.sequence.selection import Selection
 from gtf_tune.sequence.value import Frame, Sequence
 from gtf_tune.trajectory import Trajectory
+
+FEWEST_FRAMES = MIN_MATCHED
+"""Frames that a sequence must have to be worked on: with fewer, no two trajectories can be compared."""
 
 _ALL = Selection()
 
@@ -23,6 +27,7 @@ def load_sequence(
     layout: str = AUTO,
     selection: Selection = _ALL,
     camera: Camera | None = None,
+    fewest: int = 1,
 ) -> Sequence:
     """Return the sequence found at a path.
 
@@ -40,11 +45,13 @@ def load_sequence(
         Which frames are used, and at what size.
     camera
         Intrinsics to use instead of the data set's, for the stored images or any uniform resizing of them.
+    fewest
+        Frames that must be left after the selection; `FEWEST_FRAMES` for work on the sequence.
 
     Raises
     ------
     SequenceError
-        The layout is unknown, nothing is left after the selection, or an image is missing, unreadable or of another
+        The layout is unknown, too little is left after the selection, or an image is missing, unreadable or of another
         size than the others; the message names the file.
     """
     root = Path(path).expanduser().absolute()
@@ -53,6 +60,7 @@ def load_sequence(
     found = find_layout(root, layout)
     recording = _read(found, root)
     frames = _select(recording, selection, root)
+    _require(fewest, frames, recording, root)
     stored = _common_size(frames)
     width, height = selection.image_size(*stored)
     known = camera or recording.camera
@@ -88,6 +96,17 @@ def _select(recording: Recording, selection: Selection, root: Path) -> tuple[Fra
             f"{root}: the selection leaves none of the {len(recording.frames)} images; start must be smaller than that"
         )
     return tuple(recording.frames[position] for position in positions)
+
+
+def _require(fewest: int, frames: tuple[Frame, ...], recording: Recording, root: Path) -> None:
+    if len(frames) >= fewest:
+        return
+    if len(frames) == len(recording.frames):
+        raise SequenceError(f"{root}: expected at least {fewest} frames, not {len(frames)}; add more images")
+    raise SequenceError(
+        f"{root}: the selection leaves {len(frames)} of the {len(recording.frames)} frames, at least {fewest} are "
+        "needed; change start, stop, stride, rate_hz or max_frames"
+    )
 
 
 def _common_size(frames: tuple[Frame, ...]) -> tuple[int, int]:

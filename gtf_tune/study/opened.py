@@ -9,7 +9,7 @@ import optuna
 from gtf_tune.definition import DEFAULT_TRIALS, SequenceDefinition, StudyDefinition
 from gtf_tune.errors import SequenceError
 from gtf_tune.pipelines import Pipeline, create_pipeline
-from gtf_tune.sequence import Camera, Selection, Sequence, load_sequence
+from gtf_tune.sequence import FEWEST_FRAMES, Camera, Selection, Sequence, load_sequence
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
 from gtf_tune.study.plan import RunPlanner
@@ -56,12 +56,19 @@ def trial_budget(definition: StudyDefinition, space: SearchSpace) -> int:
 
 
 def load_defined_sequence(definition: SequenceDefinition, root: Path, override: Path | None = None) -> Sequence:
-    """Load a sequence as its definition says; relative paths start at ``root``, ``override`` replaces the path."""
+    """Load a sequence as its definition says; relative paths start at ``root``, ``override`` replaces the path.
+
+    Raises
+    ------
+    SequenceError
+        The sequence cannot be read, or has too few frames for trajectories to be compared.
+    """
     sequence = load_sequence(
         override or root / definition.path,
         name=definition.name,
         layout=definition.layout,
         selection=Selection(**definition.selection),
+        fewest=FEWEST_FRAMES,
     )
     if definition.camera == "auto":
         return sequence

@@ -44,3 +44,29 @@ def test_a_wrong_selection_is_one_sentence(cli: Cli, room: Path, given: str, sai
 
     assert refused.code == 1
     assert any(part in refused.err for part in said.split("|"))
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("study", "create", "few", "-s", "room", "-p", "analytic", "-r", "robust.scale=0.1:10:log"),
+        ("evaluate", "room", "-p", "analytic", "-j", "1"),
+        ("noise", "room", "-p", "analytic", "-j", "1"),
+    ],
+)
+def test_too_few_frames_are_refused_before_any_run(cli: Cli, room: Path, command: tuple[str, ...]) -> None:
+    refused = cli(*command, "--frames", "start=10", "--frames", "stop=11")
+
+    assert refused.code == 1
+    assert refused.err.splitlines()[-1] == (
+        f"error: {room}: the selection leaves 1 of the 12 frames, at least 4 are needed; change start, stop, stride, "
+        "rate_hz or max_frames"
+    )
+
+
+def test_a_study_of_too_few_frames_is_not_suggested(cli: Cli, room: Path) -> None:
+    few = cli("sequence", "inspect", "room", "--frames", "max_frames=3")
+    enough = cli("sequence", "inspect", "room", "--frames", "max_frames=4")
+
+    assert "study create" not in few.err
+    assert "Next: gtf-tune study create room" in enough.err

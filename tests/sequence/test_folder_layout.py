@@ -101,6 +101,16 @@ def test_a_selection_that_leaves_nothing_is_refused(tmp_path, write_images):
         load_sequence(tmp_path, selection=Selection(start=7))
 
 
+def test_work_on_a_sequence_asks_for_enough_frames(tmp_path, write_images):
+    write_images(tmp_path, [f"{number}.png" for number in range(3)])
+
+    assert len(load_sequence(tmp_path, fewest=3)) == 3
+    with pytest.raises(SequenceError, match="expected at least 4 frames, not 3; add more images"):
+        load_sequence(tmp_path, fewest=4)
+    with pytest.raises(SequenceError, match="leaves 1 of the 3 frames, at least 2 are needed; change start"):
+        load_sequence(tmp_path, selection=Selection(stride=3), fewest=2)
+
+
 def test_a_rate_needs_timestamps(tmp_path, write_images):
     write_images(tmp_path, ["0.png"])
 

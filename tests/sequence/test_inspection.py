@@ -120,7 +120,7 @@ def test_gaps_are_listed(room):
 
     assert [(gap.before, gap.after) for gap in report.gaps] == [(3, 4)]
     assert report.gaps[0].seconds == pytest.approx(7.2)
-    assert "1 gaps" in "\n".join(report.warnings)
+    assert "1 gap;" in "\n".join(report.warnings)
 
 
 def test_ground_truth_that_is_partial_or_straight_is_noticed(room):
@@ -135,3 +135,4 @@ def test_too_few_images_are_noticed(room):
     few = load_sequence(room.root, selection=Selection(max_frames=3))
 
     assert "3 images are too few" in _warnings(few)
+    assert "1 image is too few" in _warnings(load_sequence(room.root, selection=Selection(max_frames=1)))
