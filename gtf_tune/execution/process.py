@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from multiprocessing import resource_tracker
 from pathlib import Path
 
 _WARDEN = Path(__file__).with_name("warden.py")
@@ -17,11 +18,30 @@ _KIB = 1024
 def initialise_worker() -> None:
     """Prepare a worker process: it and all that its runs start end with its parent, and it leaves Ctrl-C to it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # see `interrupts_withheld`
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.environ["OMP_NUM_THREADS"] = "1"
     if hasattr(os, "pidfd_open"):
         os.setpgid(0, 0)
         _set_warden()
+
+
+@contextlib.contextmanager
+def interrupts_withheld() -> Iterator[None]:
+    """Let processes and threads that start in this context not hear Ctrl-C.
+
+    A process inherits the signal mask of the thread that starts it. Without this, Ctrl-C at a terminal reaches it while
+    it imports what it takes to ignore it. Other threads of this process still hear Ctrl-C, and so does this one
+    afterwards.
+    """
+    # Starting the tracker, which the first process of all does, unblocks SIGINT in Python 3.11.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    try:
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _set_warden() -> None:

@@ -6,7 +6,7 @@ from multiprocessing import get_context
 from pebble import ProcessPool
 
 from gtf_tune.errors import StorageError
-from gtf_tune.execution.process import initialise_worker
+from gtf_tune.execution.process import initialise_worker, interrupts_withheld
 
 _TRIES = 3
 
@@ -35,7 +35,9 @@ class Workers:
         """
         for _ in range(_TRIES):
             pool = self._idle_or_new()
-            if pool.active:
+            with interrupts_withheld():  # a new pool starts its process when it is asked for the first time
+                active = pool.active
+            if active:
                 return pool
             self.end(pool)
         raise StorageError("this machine cannot start another process; end other programs, then resume the study")

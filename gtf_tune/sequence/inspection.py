@@ -190,7 +190,8 @@ def _warn_of_facts(sequence: Sequence, gaps: tuple[Gap, ...]) -> Iterable[str]:
         few = "1 image is" if len(sequence) == 1 else f"{len(sequence)} images are"
         yield f"{few} too few for a study: trajectories are compared over at least {FEWEST_FRAMES}"
     if gaps:
-        yield f"the recording has {len(gaps)} gap{'s' if len(gaps) > 1 else ''}; sequential matching may not bridge them"
+        counted = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+        yield f"the recording has {counted}; sequential matching may not bridge them"
     yield from _warn_of_camera(sequence.camera)
     yield from _warn_of_ground_truth(sequence)
 

@@ -89,6 +89,17 @@ class Hanging(_Double):
 
 
 @dataclass
+class Listening(_Double):
+    """Write down whether a program that the run starts would ignore Ctrl-C, and whether it would be withheld."""
+
+    def run(self, job: PipelineJob) -> PipelineOutput:
+        ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+        withheld = signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+        self.note.write_text(f"{ignored=} {withheld=}")
+        return analytic().run(job)
+
+
+@dataclass
 class Staged(_Double):
     """Go through two stages, as real pipelines do; the note counts what was built."""
 

@@ -1,3 +1,4 @@
+import signal
 import subprocess
 import sys
 import threading
@@ -12,7 +13,7 @@ from gtf_tune.errors import StorageError
 from gtf_tune.execution import Executor, LocalExecutor
 from gtf_tune.execution.paths import Scratch
 from gtf_tune.pipelines.run import RunOutcome
-from tests.execution.doubles import Hanging, analytic, request_of
+from tests.execution.doubles import Hanging, Listening, analytic, request_of
 from tests.execution.executor_contract import LIMITS, WAIT_S, ExecutorContract, outcome_of
 
 HANGING_PARENT = """
@@ -114,6 +115,31 @@ def test_workers_die_with_a_parent_that_was_killed(tmp_path: Path) -> None:
 
     assert workers
     assert psutil.wait_procs(workers, timeout=WAIT_S)[1] == []
+
+
+def _hears_interrupts(process: psutil.Process) -> bool:
+    lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
+    masks = dict(line.split(":\t") for line in lines if line.startswith(("SigBlk", "SigIgn")))
+    return not any(int(mask, 16) >> (signal.SIGINT - 1) & 1 for mask in masks.values())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells the signals of another process")
+def test_a_process_that_only_just_starts_leaves_ctrl_c_to_its_parent(tmp_path: Path, hanging: Hanging) -> None:
+    others = set(_workers())
+    with LocalExecutor(jobs=2, scratch=tmp_path / "scratch") as executor:
+        for index in range(2):
+            executor.submit(request_of(hanging, index), LIMITS)
+        heard = [_hears_interrupts(worker) for worker in set(_workers()) - others]
+
+    assert heard == [False, False]
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+
+def test_ctrl_c_is_ignored_but_not_withheld_once_a_run_begins(tmp_path: Path) -> None:
+    with LocalExecutor(jobs=1, scratch=tmp_path / "scratch") as executor:
+        outcome_of(executor, Listening(tmp_path / "note"))
+
+    assert (tmp_path / "note").read_text() == "ignored=True withheld=False"
 
 
 def test_the_files_of_a_killed_executor_are_removed_by_the_next_one(tmp_path: Path) -> None:

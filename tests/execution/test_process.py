@@ -1,5 +1,6 @@
 import os
 import resource
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -8,7 +9,13 @@ import numpy as np
 import pytest
 
 from gtf_tune.execution.paths import RunPaths
-from gtf_tune.execution.process import memory_limited, output_to, peak_memory_bytes, reset_peak_memory
+from gtf_tune.execution.process import (
+    interrupts_withheld,
+    memory_limited,
+    output_to,
+    peak_memory_bytes,
+    reset_peak_memory,
+)
 
 MIB = 2**20
 
@@ -78,3 +85,29 @@ def test_only_the_tail_of_a_long_log_is_read(tmp_path: Path) -> None:
 
 def test_a_missing_log_is_empty(tmp_path: Path) -> None:
     assert RunPaths(tmp_path / "never").read_log_tail() == ""
+
+
+def test_ctrl_c_is_withheld_from_what_starts_and_heard_again_afterwards_also_after_an_error() -> None:
+    def withheld() -> bool:
+        return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+
+    with interrupts_withheld():
+        inside = withheld()
+    with pytest.raises(ZeroDivisionError), interrupts_withheld():
+        _ = 1 / 0
+
+    assert (inside, withheld()) == (True, False)
+
+
+def test_what_withholds_ctrl_c_holds_also_for_the_first_process_of_all() -> None:
+    script = (
+        "import signal, multiprocessing\n"
+        "from gtf_tune.execution.process import interrupts_withheld\n"
+        "with interrupts_withheld():\n"
+        "    multiprocessing.get_context('spawn').Lock()\n"
+        "    print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))\n"
+    )
+
+    said = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout
+
+    assert said == "True\n"
