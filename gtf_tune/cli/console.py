@@ -34,6 +34,14 @@ def write_line(text: str) -> None:
     sys.stdout.write(text + "\n")
 
 
+def write_options(options: Mapping[str, Any]) -> None:
+    """Print options on stdout as NAME = VALUE, the values as they are typed."""
+    from gtf_tune.pipelines.options import option_text
+
+    for name, value in options.items():
+        write_line(f"{name} = {option_text(value)}")
+
+
 def write_json(value: Any) -> None:
     """Print a result as JSON on stdout; numbers that JSON lacks become null."""
     sys.stdout.write(json.dumps(_jsonable(value), indent=2) + "\n")

@@ -47,7 +47,7 @@ def options(
 
     Example: gtf-tune pipeline options glomap --grep reproj
     """
-    from gtf_tune.pipelines import create_pipeline
+    from gtf_tune.pipelines import create_pipeline, option_text
 
     specs = [
         spec
@@ -70,7 +70,7 @@ def options(
         return
     for spec in specs:
         allowed = f" ({', '.join(spec.choices)})" if spec.choices else ""
-        write_line(f"{spec.name} = {spec.default}  [{spec.kind}]{allowed}")
+        write_line(f"{spec.name} = {option_text(spec.default)}  [{spec.kind}]{allowed}")
         if spec.documentation:
             write_line(f"    {' '.join(spec.documentation.split())}")
     say(f"{len(specs)} options of {name}" + (f" with '{grep}'" if grep else ""))

@@ -108,15 +108,13 @@ class StudyProgress:
             self._best = end.score.value
 
     def _line(self, end: "TrialEnd") -> str:
+        from gtf_tune.pipelines.options import option_text
+
         name = "nominal" if end.ordinal == 0 else f"trial {end.ordinal}"
-        options = ", ".join(f"{option}={_short(value)}" for option, value in end.options.items())
+        options = ", ".join(f"{option}={option_text(value, digits=4)}" for option, value in end.options.items())
         if not end.score.feasible:
             return f"{name} ({options}): infeasible, {end.score.message}"
         if end.stopped:
             return f"{name} ({options}): stopped early, {end.stopped}"
         gain = f" ({percent(end.score.value / self._nominal - 1)})" if self._nominal and end.ordinal else ""
         return f"{name} ({options}): {self._unit.told(end.score.value)}{gain}"
-
-
-def _short(value: "OptionValue") -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.console import percent, say, write_json, write_line, write_table
+from gtf_tune.cli.console import percent, say, write_json, write_options, write_table
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
 from gtf_tune.cli.study_create import Range, parse_range
@@ -140,8 +140,7 @@ def _write(found: "Rescored", truth: TrueErrors, unit: "ScoreUnit") -> None:
     if any(_mark(one) for one in found.trials):
         write_line(STOPPED_EARLY)
     if found.best is not None:
-        for option, value in (found.best.trial.options or {}).items():
-            write_line(f"{option} = {value}")
+        write_options(found.best.trial.options or {})
 
 
 def _as_json(found: "Rescored", truth: TrueErrors) -> dict[str, Any]:

@@ -10,6 +10,7 @@ from gtf_tune.cli.console import (
     say,
     write_json,
     write_line,
+    write_options,
     write_pairs,
     write_table,
 )
@@ -223,7 +224,9 @@ def _score(trial: "Trial", unit: "ScoreUnit") -> str:
 
 
 def _value(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    from gtf_tune.pipelines.options import option_text
+
+    return "-" if value is None else option_text(value, digits=4)
 
 
 def _write_pick(found: "Pick", recommended: "Recommendation", definition: "StudyDefinition") -> None:
@@ -251,8 +254,7 @@ def _write_pick(found: "Pick", recommended: "Recommendation", definition: "Study
     pairs["verdict"] = _verdict(recommended)
     write_pairs(pairs)
     write_line("")
-    for name, value in {**definition.pipeline.options, **(recommended.trial.options or {})}.items():
-        write_line(f"{name} = {value}")
+    write_options({**definition.pipeline.options, **(recommended.trial.options or {})})
 
 
 def _verdict(recommended: "Recommendation") -> str:

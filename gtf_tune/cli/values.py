@@ -11,7 +11,9 @@ if TYPE_CHECKING:
 
 
 def parse_value(text: str) -> Any:
-    """Return the TOML value of a text (1e-3, true, 7), or the text itself where it is none."""
+    """Return the TOML value of a text (1e-3, true, 7; True and FALSE too), or the text itself where it is none."""
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -33,6 +35,7 @@ def parse_pair(text: str, flag: str) -> tuple[str, str]:
 
 def parse_frames(texts: list[str] | None) -> "Selection":
     """Return the selection that several ``--frames KEY=VALUE`` describe, all frames where there are none."""
+    from gtf_tune.pipelines.options import option_text
     from gtf_tune.sequence.selection import Selection
 
     given = parse_pairs(texts, "--frames")
@@ -42,5 +45,5 @@ def parse_frames(texts: list[str] | None) -> "Selection":
         raise DefinitionError(f"--frames knows {', '.join(known)}, not {', '.join(wrong)}")
     for name, value in given.items():
         if not isinstance(value, int | float) or isinstance(value, bool):
-            raise DefinitionError(f"--frames {name} takes a number, not '{value}'")
+            raise DefinitionError(f"--frames {name} takes a number, not '{option_text(value)}'")
     return Selection(**given)

@@ -1,7 +1,7 @@
 """State what a pipeline is, find pipelines by name, and describe runs of them as values."""
 
 from gtf_tune.pipelines.base import DiagnosticValue, Pipeline, PipelineJob, PipelineOutput, Stages
-from gtf_tune.pipelines.options import OptionSpec, OptionTable, OptionValue
+from gtf_tune.pipelines.options import OptionSpec, OptionTable, OptionValue, option_text
 from gtf_tune.pipelines.registry import ENTRY_POINT_GROUP, PipelineFactory, create_pipeline, pipeline_names
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest, RunStatus, digest
 
@@ -22,5 +22,6 @@ __all__ = [
     "Stages",
     "create_pipeline",
     "digest",
+    "option_text",
     "pipeline_names",
 ]

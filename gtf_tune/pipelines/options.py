@@ -11,6 +11,13 @@ OptionValue = bool | int | float | str
 _SUGGESTIONS = 3
 
 
+def option_text(value: object, digits: int = 0) -> str:
+    """Return the value of an option as a person types it; ``digits`` significant ones of a fraction, 0 for all."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return f"{value:.{digits}g}" if digits and isinstance(value, float) else str(value)
+
+
 @dataclass(frozen=True)
 class OptionSpec:
     """Describe one tunable option of a pipeline.
@@ -98,8 +105,12 @@ def _convert_type(spec: OptionSpec, value: object) -> OptionValue:
         value = float(value)
     right = value in spec.choices if spec.choices else type(value) is type(spec.default) and value == value
     if not right or not isinstance(value, bool | int | float | str):
-        raise OptionError(f"option '{spec.name}' takes {_kind_in_words(spec)}, not {value!r}")
+        raise OptionError(f"option '{spec.name}' takes {_kind_in_words(spec)}, not {_given(value)}")
     return value
+
+
+def _given(value: object) -> str:
+    return option_text(value) if isinstance(value, bool) else repr(value)
 
 
 def _kind_in_words(spec: OptionSpec) -> str:

@@ -2,6 +2,8 @@
 
 import math
 
+from gtf_tune.pipelines.options import option_text
+
 UNKNOWN = "-"
 _MINUTE_S = 60
 _HOUR_S = 3600
@@ -64,6 +66,4 @@ def count(number: int, singular: str, plural: str = "") -> str:
 
 def value_text(value: object) -> str:
     """Return the value of an option as a person would type it."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return option_text(value, digits=6)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from gtf_tune.definition import StudyDefinition
 from gtf_tune.errors import DefinitionError
-from gtf_tune.pipelines import OptionValue
+from gtf_tune.pipelines import OptionValue, option_text
 from gtf_tune.pipelines.colmap_flags import command_of, flag_of
 
 FORMATS = ("colmap-ini", "colmap-cli", "json", "csv", "tum")
@@ -55,11 +55,11 @@ def option_json(options: Mapping[str, OptionValue]) -> str:
 
 
 def table_csv(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return a table as CSV; absent values are empty."""
+    """Return a table as CSV; absent values are empty, others as they are typed."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([["" if value is None else value for value in row] for row in rows])
+    writer.writerows([["" if value is None else option_text(value) for value in row] for row in rows])
     return buffer.getvalue()
 
 

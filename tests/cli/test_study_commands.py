@@ -104,3 +104,26 @@ def test_a_study_whose_runs_all_failed_has_a_report_that_says_why(cli: Cli, room
 
     assert said.code == 0, said.err
     assert "runs: the analytic pipeline was told to fail" in Path("small.html").read_text(encoding="utf-8")
+
+
+def test_truth_values_are_shown_as_they_are_typed_and_taken_in_any_case(cli: Cli, room: Path) -> None:
+    made = cli(*CREATE, *AXIS, "-v", "refine.intrinsics=TRUE,False", "--sampler", "random")
+    ran = cli("study", "run", "small", "--jobs", "1")
+    shown = [cli("study", *command) for command in (("show", "small"), ("best", "small"), ("rescore", "small"))]
+    table = cli("study", "export", "small", "--format", "csv")
+    listed = cli("pipeline", "options", "analytic", "--grep", "refine")
+
+    assert made.code == 0, made.err
+    assert "refine.intrinsics = true  [bool]" in listed.out
+    for said in (ran.err, *(one.out for one in shown), table.out, listed.out):
+        assert "true" in said or "false" in said
+        assert "True" not in said
+        assert "False" not in said
+
+
+def test_an_option_can_be_held_at_a_truth_value_in_any_case(cli: Cli, room: Path) -> None:
+    made = cli(*CREATE, *AXIS, "-o", "refine.intrinsics=False")
+    options = json.loads(cli("study", "show", "small", "--json").out)["definition"]["pipeline"]["options"]
+
+    assert made.code == 0, made.err
+    assert options == {"refine.intrinsics": False}

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gtf_tune.errors import OptionError
-from gtf_tune.pipelines import OptionSpec, OptionTable
+from gtf_tune.pipelines import OptionSpec, OptionTable, option_text
 
 SPECS = (
     OptionSpec("mapper.max_error", 4.0, low=0.0),
@@ -65,3 +65,15 @@ def test_whatever_is_given_is_checked_or_refused(values: dict[str, object]) -> N
     except OptionError:
         return
     assert set(checked) == set(values) <= set(TABLE.specs)
+
+
+def test_values_are_written_as_they_are_typed() -> None:
+    values = (True, False, 3, 0.1234567, 1e-5, "huber", "True")
+
+    assert [option_text(value) for value in values] == ["true", "false", "3", "0.1234567", "1e-05", "huber", "True"]
+    assert [option_text(value, digits=3) for value in values[1:5]] == ["false", "3", "0.123", "1e-05"]
+
+
+def test_a_refused_truth_value_is_named_as_it_is_typed() -> None:
+    with pytest.raises(OptionError, match=r"'mapper\.max_error' takes a number, not true"):
+        TABLE.check({"mapper.max_error": True})
