@@ -1,6 +1,8 @@
 """Write a pick in the forms that people paste back into their tools."""
 
+import contextlib
 import json as json_module
+from collections.abc import Iterator
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -107,7 +109,8 @@ def _write_trajectories(database: "Database", trial: "Trial", folder: Path) -> N
     from gtf_tune.store.trajectories import trajectories
     from gtf_tune.trajectory import write_tum
 
-    folder.mkdir(parents=True, exist_ok=True)
+    with _writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     uses = runs.of_trial(database, trial.id)
     found = trajectories(database, [use.run.key for use in uses])
     for use in uses:
@@ -120,10 +123,16 @@ def _deliver(text: str, output: Path | None) -> None:
     if output is None:
         typer.echo(text, nl=False)
         return
+    with _writing(output):
+        output.write_text(text, encoding="utf-8")
+    say(f"wrote {output}")
+
+
+@contextlib.contextmanager
+def _writing(place: Path) -> Iterator[None]:
     from gtf_tune.errors import StorageError
 
     try:
-        output.write_text(text, encoding="utf-8")
+        yield
     except OSError as error:
-        raise StorageError(f"cannot write {output} ({error.strerror}); choose another place with --output") from error
-    say(f"wrote {output}")
+        raise StorageError(f"cannot write {place} ({error.strerror}); choose another place with --output") from error

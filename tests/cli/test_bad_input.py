@@ -137,3 +137,14 @@ def test_a_storage_that_does_not_exist_is_not_created_by_reading(cli: Cli, tmp_p
 )
 def test_a_malformed_range_shows_the_right_form(cli: Cli, room: Path, text: str) -> None:
     _assert_one_sentence(cli(*CREATE, "-r", text), "NAME=")
+
+
+def test_a_place_that_cannot_take_an_export_is_named(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "-K", "1")
+    cli("study", "run", "small", "--jobs", "1")
+    Path("taken").write_text("a file in the way")
+
+    for format_, place in (("tum", "taken"), ("tum", "taken/below"), ("json", "taken/below"), ("csv", "room")):
+        said = cli("study", "export", "small", "--format", format_, "--output", place)
+        _assert_one_sentence(said, f"cannot write {place} (", "choose another place with --output")
+    assert Path("taken").read_text() == "a file in the way"
