@@ -9,6 +9,7 @@ from gtf_tune.cli.console import number, percent, say, write_json, write_line, w
 from gtf_tune.cli.executors import cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
+from gtf_tune.cli.study_notes import suggest_export
 from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE, Places, VersionMismatch, open_for_work, place_folders
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def confirm(
         write_json(found.result)
         return
     _write(found)
-    say(f"Next: gtf-tune study export {name}{storage_flag(database)}")
+    suggest_export(database, name, study.definition.pipeline.name)
 
 
 class _Lines:

@@ -1,9 +1,10 @@
-"""Warn of what makes the outcome of a study worth little."""
+"""Warn of what makes the outcome of a study worth little, and say what to do with it."""
 
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from gtf_tune.cli.console import say
+from gtf_tune.cli.storage_access import storage_flag
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
@@ -50,3 +51,10 @@ def warn_of_mixed_versions(database: "Database", study_id: int, ordinals: Collec
                 f"warning: nominal and trial {ordinal} were made by different versions of the pipeline, which may be "
                 f"what sets them apart; {' and '.join(notes)}"
             )
+
+
+def suggest_export(database: "Database", name: str, pipeline: str) -> None:
+    """Say on stderr how to write the setting to use in the form that users of the pipeline paste."""
+    from gtf_tune.study.export import formats_of
+
+    say(f"Next: gtf-tune study export {name} --format {formats_of(pipeline)[0]}{storage_flag(database)}")

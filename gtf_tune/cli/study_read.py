@@ -16,7 +16,12 @@ from gtf_tune.cli.console import (
 )
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
-from gtf_tune.cli.study_notes import STOPPED_EARLY, warn_of_lost_frames, warn_of_mixed_versions
+from gtf_tune.cli.study_notes import (
+    STOPPED_EARLY,
+    suggest_export,
+    warn_of_lost_frames,
+    warn_of_mixed_versions,
+)
 from gtf_tune.cli.true_errors import TrueErrors
 
 if TYPE_CHECKING:
@@ -128,7 +133,8 @@ def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE
     if json:
         write_json(_pick_as_json(found, recommended))
         return
-    _write_pick(found, recommended, stored_definition(study))
+    definition = stored_definition(study)
+    _write_pick(found, recommended, definition)
     picks = [one for one in (recommended.trial, found.best) if one is not None]
     warn_of_mixed_versions(database, study.id, [one.ordinal for one in picks])
     warn_of_lost_frames(database, study.id)
@@ -136,7 +142,7 @@ def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE
         say("unconfirmed: the best of many trials looks better than it is")
         say(f"Next: gtf-tune study confirm {name}{storage_flag(database)}")
     else:
-        say(f"Next: gtf-tune study export {name} --format colmap-ini{storage_flag(database)}")
+        suggest_export(database, name, definition.pipeline.name)
 
 
 def delete(

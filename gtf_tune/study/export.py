@@ -10,8 +10,15 @@ from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import OptionValue, option_text
 from gtf_tune.pipelines.colmap_flags import command_of, flag_of
 
-FORMATS = ("colmap-ini", "colmap-cli", "json", "csv", "tum")
+_COLMAP_FORMATS = ("colmap-ini", "colmap-cli")
+_OTHER_FORMATS = ("json", "csv", "tum")
+FORMATS = (*_COLMAP_FORMATS, *_OTHER_FORMATS)
 _COLMAP_PIPELINES = ("glomap", "colmap", "colmap-hierarchical")
+
+
+def formats_of(pipeline: str) -> tuple[str, ...]:
+    """Return the formats that a pipeline's results can be written in, first the one that its users paste."""
+    return FORMATS if pipeline in _COLMAP_PIPELINES else _OTHER_FORMATS
 
 
 def colmap_ini(pipeline: str, options: Mapping[str, OptionValue]) -> str:
@@ -69,7 +76,7 @@ def without_flag(pipeline: str, options: Mapping[str, OptionValue]) -> list[str]
 
 
 def _require_colmap(pipeline: str) -> None:
-    if pipeline not in _COLMAP_PIPELINES:
+    if _COLMAP_FORMATS[0] not in formats_of(pipeline):
         raise DefinitionError(
             f"pipeline '{pipeline}' has no COLMAP project file; export with --format json or --format csv"
         )
@@ -86,7 +93,7 @@ def setting_files(definition: StudyDefinition, searched: Mapping[str, OptionValu
     pipeline = definition.pipeline
     options = {**pipeline.options, **searched}
     files = {"options.json": option_json(options)}
-    if pipeline.name in _COLMAP_PIPELINES:
+    if _COLMAP_FORMATS[0] in formats_of(pipeline.name):
         pairing = str(pipeline.settings.get("pairing", "exhaustive"))
         files["project.ini"] = colmap_ini(pipeline.name, options)
         files["colmap-flags.txt"] = colmap_flags(pipeline.name, options, pairing)

@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from gtf_tune.study.export import FORMATS, formats_of
 from tests.cli.conftest import Cli
 
 CREATE = ("study", "create", "small", "-p", "analytic", "-s", "room", "-k", "2", "-K", "4", "--sampler", "grid")
@@ -50,3 +51,18 @@ def test_a_confirmation_of_a_study_that_never_ran_says_what_to_do(cli: Cli, room
 
     assert said.code == 1
     assert "gtf-tune study run small" in said.err
+
+
+def test_the_export_that_is_suggested_is_one_that_the_pipeline_has(tuned: Cli) -> None:
+    said = [tuned(*CONFIRM).err, tuned("study", "best", "small").err]
+
+    assert all("Next: gtf-tune study export small --format json\n" in text for text in said)
+    assert tuned("study", "export", "small", "--format", "json").code == 0
+
+
+def test_only_colmaps_pipelines_are_written_as_colmap_reads_them() -> None:
+    for name in ("glomap", "colmap", "colmap-hierarchical"):
+        assert formats_of(name) == FORMATS
+    for name in ("analytic", "command", "droid-slam", "somebody's"):
+        assert formats_of(name) == ("json", "csv", "tum")
+    assert FORMATS[0] == "colmap-ini"
