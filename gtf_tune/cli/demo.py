@@ -90,7 +90,7 @@ def _write_outcome(database: "Database", study_id: int) -> None:
         for trial in ranked
     ]
     write_table([f">{_OPTION}", ">GTF ATE [‰]", ">± se", ">true ATE", ""], rows)
-    if best is not None and best.value and nominal.value and {0, best.ordinal} <= truth.keys():
+    if best is not None and best.value and nominal.feasible and nominal.value and {0, best.ordinal} <= truth.keys():
         gain, true_gain = best.value / nominal.value - 1, truth[best.ordinal] / truth[0] - 1
         write_line(f"the pick changes GTF ATE by {percent(gain)}")
         write_line(f"the pick changes true ATE, which the search never saw, by {percent(true_gain)}")

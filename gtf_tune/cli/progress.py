@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 class StudyProgress:
     """Hear of trials and runs and show how far the study is, what is best so far, and how long it will take.
 
-    ``finished`` trials of ``budget`` were done before. Scores are told in ``unit``. The time left follows from the time
-    per trial so far.
+    ``finished`` trials of ``budget`` were done before. Scores are told in ``unit``; ``nominal`` and ``best`` are None
+    where there is no feasible trial to speak of. The time left follows from the time per trial so far.
     """
 
     def __init__(
@@ -59,10 +59,11 @@ class StudyProgress:
 
         counts = trials.counts(study.database, study.record.id)
         finished = sum(count for state, count in counts.items() if state != "claimed")
-        nominal = trials.get(study.database, study.record.id, 0).value if finished else None
+        nominal = trials.nominal(study.database, study.record.id)
+        compared = nominal.value if nominal is not None and nominal.feasible else None
         best = trials.best(study.database, study.record.id)
         unit = definition_unit(study.definition)
-        return cls(study.budget, finished, unit, nominal, best.value if best else None)
+        return cls(study.budget, finished, unit, compared, best.value if best else None)
 
     def __enter__(self) -> Self:
         """Start to show."""
@@ -102,7 +103,7 @@ class StudyProgress:
                 say(f"{self._line(end)}; {self._finished}/{self._budget}, {note}")
 
     def _remember(self, end: "TrialEnd") -> None:
-        if end.ordinal == 0:
+        if end.ordinal == 0 and end.score.feasible:
             self._nominal = end.score.value
         if end.score.feasible and not end.stopped and (self._best is None or end.score.value < self._best):
             self._best = end.score.value

@@ -56,7 +56,7 @@ def list_studies(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None
         (
             one.name,
             one.state,
-            f"{one.complete}/{one.trials}",
+            f"{one.done}/{one.trials}",
             unit.text(one.nominal_value),
             unit.text(one.best_value),
             unit.symbol,

@@ -75,7 +75,7 @@ def watch(
     while True:
         study = studies.get(database, name)
         known = trials.of_study(database, study.id)
-        nominal = next((trial.value for trial in known if trial.ordinal == 0), None)
+        nominal = next((trial.value for trial in known if trial.ordinal == 0 and trial.feasible), None)
         for trial in known:
             if trial.state != "claimed" and trial.ordinal not in shown:
                 shown.add(trial.ordinal)

@@ -69,7 +69,7 @@ class Study:
 
 @dataclass(frozen=True)
 class StudySummary:
-    """Hold one line of a list of studies; values are None where there is no such trial yet."""
+    """Hold one line of a list of studies; values are None where there is no such trial yet, or it is infeasible."""
 
     id: int
     name: str
@@ -86,6 +86,11 @@ class StudySummary:
     wall_s: float
     last_finished_at: float | None
     definition: str
+
+    @property
+    def done(self) -> int:
+        """Return the number of trials that have ended in whatever way, those that were stopped early among them."""
+        return self.trials - self.claimed
 
 
 def add(database: Database, new: NewStudy) -> Study:
@@ -171,6 +176,7 @@ def summaries(database: Database) -> list[StudySummary]:
     """Return one line for each study, oldest first, by one query."""
     trial, study = models.Trial, models.Study
     complete = trial.state == "complete"
+    value = case((complete & trial.feasible.is_(True), trial.value))
     query = (
         select(
             study.id,
@@ -183,8 +189,8 @@ def summaries(database: Database) -> list[StudySummary]:
             func.count(case((complete & trial.feasible.is_(False), 1))),
             func.count(case((trial.state == "pruned", 1))),
             func.count(case((trial.state == "failed", 1))),
-            func.min(case((complete & trial.feasible.is_(True), trial.value))),
-            func.min(case((complete & (trial.ordinal == 0), trial.value))),
+            func.min(value),
+            func.min(case((trial.ordinal == 0, value))),
             func.coalesce(func.sum(trial.wall_s), 0.0),
             func.max(trial.finished_at),
             study.definition,

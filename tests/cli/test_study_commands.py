@@ -1,4 +1,6 @@
+import contextlib
 import json
+import sqlite3
 from pathlib import Path
 
 from tests.cli.conftest import Cli
@@ -127,3 +129,34 @@ def test_an_option_can_be_held_at_a_truth_value_in_any_case(cli: Cli, room: Path
 
     assert made.code == 0, made.err
     assert options == {"refine.intrinsics": False}
+
+
+def test_trials_that_were_stopped_early_are_listed_as_done(cli: Cli, room: Path, tmp_path: Path) -> None:
+    cli(*CREATE, *AXIS, "-K", "1")
+    cli("study", "run", "small", "--jobs", "1")
+    with contextlib.closing(sqlite3.connect(tmp_path / "gtf-tune.db", isolation_level=None)) as database:
+        database.execute("UPDATE gtf_trial SET state = 'pruned' WHERE ordinal = 3")
+
+    (row,) = cli("study", "list").out.splitlines()[1:]
+
+    assert row.split()[2] == "4/4"
+
+
+FAILING_NOMINAL = ("--setting", "failure=error", "--setting", "failure_rate=0.2", "--seed", "2", "--sampler", "random")
+
+
+def test_nothing_is_compared_with_an_infeasible_nominal_trial(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, *FAILING_NOMINAL, "-n", "2")
+    ran = cli("study", "run", "small", "--jobs", "1").err
+    cli("study", "extend", "small", "-n", "3")
+    resumed = cli("study", "run", "small", "--jobs", "1").err
+    watched = cli("study", "watch", "small").out
+    (listed,) = json.loads(cli("study", "list", "--json").out)
+    (row,) = cli("study", "list").out.splitlines()[1:]
+
+    assert "): infeasible, the analytic pipeline was told to fail" in ran
+    for said in (ran, resumed, watched):
+        assert "per mille" in said
+        assert " %)" not in said
+    assert (listed["nominal_value"], listed["best_value"] > 0) == (None, True)
+    assert row.split()[2:4] == ["3/3", "-"]

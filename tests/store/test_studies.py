@@ -70,7 +70,17 @@ def test_summaries_count_trials_by_state(database: Database, make_study: MakeStu
 
     assert (first.trials, first.claimed, first.complete, first.infeasible, first.pruned) == (5, 1, 3, 1, 1)
     assert (first.best_value, first.nominal_value, first.wall_s) == (0.25, 0.5, 8.0)
+    assert first.done == 4
     assert (second.name, second.trials, second.best_value, second.wall_s) == (other.name, 0, None, 0.0)
+
+
+def test_the_penalty_of_an_infeasible_nominal_trial_is_no_value(database: Database, study: Study) -> None:
+    run_trial(database, study, 2.0, feasible=False)
+    run_trial(database, study, 0.5)
+
+    (summary,) = studies.summaries(database)
+
+    assert (summary.nominal_value, summary.best_value, summary.infeasible) == (None, 0.5, 1)
 
 
 def test_the_best_trial_is_feasible_and_the_first_of_equals(database: Database, study: Study) -> None:
