@@ -7,7 +7,8 @@ import typer
 
 from gtf_tune.cli.console import number, percent, permille, say, write_line, write_table
 from gtf_tune.cli.parameters import CacheDir, Jobs
-from gtf_tune.cli.storage_access import hush_optuna, storage_flag
+from gtf_tune.cli.storage_access import hush_optuna
+from gtf_tune.cli.study_notes import suggest_outcome
 from gtf_tune.cli.study_report import report
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def demo(
     work_on(study, make_executor(jobs or cores(), cache_dir), trial_parallel=1)
     _write_outcome(database, study.record.id)
     report(study.definition.name, folder / "report.html", storage=str(folder / "demo.db"))
-    say(f"Next: gtf-tune study best demo{storage_flag(database)}")
+    suggest_outcome(database, "demo")
 
 
 def _definition() -> dict[str, Any]:

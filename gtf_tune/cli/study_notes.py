@@ -8,6 +8,7 @@ from gtf_tune.cli.storage_access import storage_flag
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
+    from gtf_tune.store.studies import Study
 
 STOPPED_EARLY = "* stopped early, on fewer noisy runs than the others: not to be picked"
 _GOOD_COVERAGE = 0.9
@@ -58,3 +59,22 @@ def suggest_export(database: "Database", name: str, pipeline: str) -> None:
     from gtf_tune.study.export import formats_of
 
     say(f"Next: gtf-tune study export {name} --format {formats_of(pipeline)[0]}{storage_flag(database)}")
+
+
+def suggest_outcome(database: "Database", name: str) -> None:
+    """Say on stderr how to see the setting to use, or, where no trial is feasible, what became of the trials."""
+    from gtf_tune.store import studies, trials
+
+    found = trials.best(database, studies.get(database, name).id)
+    say(f"Next: gtf-tune study {'show' if found is None else 'best'} {name}{storage_flag(database)}")
+
+
+def suggest_after_show(database: "Database", study: "Study") -> None:
+    """Say on stderr what to do with a study whose trials are known."""
+    from gtf_tune.store import trials
+
+    command = "best"
+    if trials.best(database, study.id) is None:
+        # The report shows the logs of failed runs.
+        command = {"done": "report", "paused": "resume", "stopped": "resume"}.get(study.state, "run")
+    say(f"Next: gtf-tune study {command} {study.name}{storage_flag(database)}")

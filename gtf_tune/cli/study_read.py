@@ -18,6 +18,7 @@ from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
 from gtf_tune.cli.study_notes import (
     STOPPED_EARLY,
+    suggest_after_show,
     suggest_export,
     warn_of_lost_frames,
     warn_of_mixed_versions,
@@ -113,7 +114,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     if len(chosen) < count:
         say(f"{count - len(chosen)} more trials with --all")
     warn_of_lost_frames(database, study.id)
-    say(f"Next: gtf-tune study best {name}{storage_flag(database)}")
+    suggest_after_show(database, study)
 
 
 def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
@@ -170,6 +171,7 @@ def _write_heading(definition: "StudyDefinition", state: str, efforts: list["Eff
     if gtf.noisy_runs_min < gtf.noisy_runs_max:
         noisy = f"{gtf.noisy_runs_min} to {gtf.noisy_runs_max}"
     finished = sum(one.count for one in efforts if one.state != "claimed")
+    spared = _spared(definition, efforts)
     write_pairs(
         {
             "study": f"{definition.name} ({state}, {finished} trials done)",
@@ -179,16 +181,19 @@ def _write_heading(definition: "StudyDefinition", state: str, efforts: list["Eff
             "score": f"{gtf.metric}, {gtf.aggregate}, {gtf.alignment}, normalised by {gtf.normalise}",
             "sampler": f"{definition.search.sampler}, seed {definition.search.seed}",
             "runs": f"{cost.made} made in {duration(cost.made_s)}, {cost.reused} reused, {cost.failed} failed",
-            "spared": _spared(definition, efforts),
+            **({"spared": spared} if spared else {}),
         }
     )
     write_line("")
 
 
 def _spared(definition: "StudyDefinition", efforts: list["Effort"]) -> str:
+    """Return what stopping early has saved; nothing before a trial has ended."""
     from gtf_tune.study.sizing_savings import runs_saved
 
     saved = runs_saved(efforts, definition)
+    if not saved.full:
+        return ""
     ways = {"sizing": saved.by_sizing, "the pruner": saved.by_pruner, "infeasible trials": saved.by_coverage}
     told = ", ".join(f"{count} by {way}" for way, count in ways.items() if count)
     return f"{told} ({saved.share:.0%} of {saved.full} runs)" if told else "no run: every trial took all of its runs"

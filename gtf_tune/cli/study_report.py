@@ -9,7 +9,8 @@ import typer
 
 from gtf_tune.cli.console import duration, percent, say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage, storage_flag
+from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.study_notes import suggest_outcome
 
 if TYPE_CHECKING:
     from gtf_tune.report.definition import ReportDefinition
@@ -82,7 +83,7 @@ def watch(
                 typer.echo(_line(trial, nominal, unit))
         if study.state == "done":
             say(f"study '{name}' is done")
-            say(f"Next: gtf-tune study best {name}{storage_flag(database)}")
+            suggest_outcome(database, name)
             return
         time.sleep(interval)
 

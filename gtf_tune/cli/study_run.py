@@ -9,7 +9,7 @@ from gtf_tune.cli.console import say
 from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage, StudyName
 from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
-from gtf_tune.cli.study_notes import warn_of_lost_frames
+from gtf_tune.cli.study_notes import suggest_outcome, warn_of_lost_frames
 from gtf_tune.cli.values import parse_pair
 
 if TYPE_CHECKING:
@@ -135,4 +135,4 @@ def _suggest_next(name: str, database: "Database") -> None:
     from gtf_tune.store import studies
 
     warn_of_lost_frames(database, studies.get(database, name).id)
-    say(f"Next: gtf-tune study best {name}{storage_flag(database)}")
+    suggest_outcome(database, name)

@@ -24,6 +24,7 @@ from gtf_tune.study.noise import with_noise
 from gtf_tune.study.objective import settings_of
 from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence
 from gtf_tune.study.plan import RunPlanner, run_order
+from gtf_tune.study.recommendation import without_feasible_trial
 from gtf_tune.study.seeds import SeedSource
 
 DEFAULT_TOP = 3
@@ -64,7 +65,7 @@ def plan_confirmation(
     Raises
     ------
     DefinitionError
-        There are too few noisy runs to tell anything, or no nominal trial is complete.
+        There are too few noisy runs to tell anything, no nominal trial is complete, or no trial is feasible.
     """
     if noisy_runs < _FEWEST_RUNS:
         raise DefinitionError(
@@ -75,6 +76,8 @@ def plan_confirmation(
     nominal = next((one for one in known if one.ordinal == 0), None)
     if nominal is None:
         raise DefinitionError(f"study '{name}' has no complete nominal trial; run it with: gtf-tune study run {name}")
+    if not any(one.feasible for one in known):
+        raise DefinitionError(without_feasible_trial(database, name))
     earlier = confirmations.of_study(database, study.record.id)
     return ConfirmationPlan(
         nominal, _candidates(known, nominal, top), _all_sequences(study, places), noisy_runs, len(earlier) + 1

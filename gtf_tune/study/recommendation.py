@@ -1,11 +1,12 @@
 """Say which setting of a study to use, as far as its confirmation allows."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from gtf_tune.errors import StorageError
-from gtf_tune.store import confirmations, trials
+from gtf_tune.store import confirmations, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.verdicts import ADOPT, KEEP
@@ -41,11 +42,11 @@ def recommend(database: Database, study_id: int, name: str) -> Recommendation:
     Raises
     ------
     StorageError
-        There is no feasible trial yet.
+        There is no feasible trial yet, or none at all.
     """
     best = trials.best(database, study_id)
     if best is None:
-        raise StorageError(f"study '{name}' has no feasible trial yet; run it with: gtf-tune study run {name}")
+        raise StorageError(without_feasible_trial(database, name))
     known = confirmations.of_study(database, study_id)
     result = known[-1].result if known else {}
     confirmed = {0, *(one["ordinal"] for one in result.get("candidates") or ())}
@@ -57,3 +58,13 @@ def recommend(database: Database, study_id: int, name: str) -> Recommendation:
     if known[-1].verdict == KEEP and nominal.feasible:
         return Recommendation(nominal, KEEP, result)
     return Recommendation(best, UNCONFIRMED, {})
+
+
+def without_feasible_trial(database: Database, name: str) -> str:
+    """Return what to tell whoever asks for the outcome of a study none of whose trials is feasible."""
+    study = studies.get(database, name)
+    if study.state != "done":
+        return f"study '{name}' has no feasible trial yet; run it with: gtf-tune study run {name}"
+    reasons = Counter(one.message for one in trials.of_study(database, study.id) if one.message)
+    reason = reasons.most_common(1)[0][0] if reasons else "no reason was stored"
+    return f"no trial of study '{name}' is feasible: {reason}; see: gtf-tune study show {name}"

@@ -117,3 +117,36 @@ def test_the_storage_of_the_environment_is_not_repeated(cli: Cli, room: Path, mo
     monkeypatch.setenv("GTF_TUNE_STORAGE", "usual.db")
 
     assert "Next: gtf-tune study run small\n" in cli(*CREATE, *AXIS).err
+
+
+def test_a_finished_study_without_a_feasible_trial_says_why_instead_of_asking_to_run_it(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "--setting", "failure=error")
+    begun = cli("study", "best", "small")
+    ran = cli("study", "run", "small", "-j", "1")
+    asked = [cli("study", *command, "small") for command in (("best",), ("export", "-f", "json"), ("confirm",))]
+    shown = cli("study", "show", "small")
+
+    assert "has no feasible trial yet; run it with: gtf-tune study run small" in begun.err
+    assert ran.err.endswith("Next: gtf-tune study show small\n")
+    for said in asked:
+        assert (said.code, said.err.splitlines()[-1]) == (
+            1,
+            "error: no trial of study 'small' is feasible: the analytic pipeline was told to fail; see: gtf-tune study "
+            "show small",
+        )
+    assert shown.err.endswith("Next: gtf-tune study report small\n")
+
+
+def test_a_study_that_has_not_begun_is_suggested_to_be_run(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS)
+    created = cli("study", "show", "small")
+    cli("study", "pause", "small")
+    paused = cli("study", "show", "small")
+    cli("study", "resume", "small", "-j", "1")
+    done = cli("study", "show", "small")
+
+    assert created.err.endswith("Next: gtf-tune study run small\n")
+    assert "spared" not in created.out
+    assert paused.err.endswith("Next: gtf-tune study resume small\n")
+    assert done.err.endswith("Next: gtf-tune study best small\n")
+    assert "spared" in done.out
