@@ -35,6 +35,7 @@ def make_executor(jobs: int, cache_dir: Path | None, address: str = "local", *, 
 
         executor = DaskExecutor("tcp://" + address.removeprefix(_DASK), keep_stages=not no_cache)
         # Dask prints tracebacks when a scheduler goes away, which we say in one sentence.
+        logging.getLogger("distributed").setLevel(logging.WARNING)
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         return executor
     if address != "local":
