@@ -6,6 +6,7 @@ Casella, McCulloch, "Variance components", 1992, ch. 4).
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,16 +111,20 @@ def compared_table(a: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]
     return table, left_out
 
 
-def over_sequences(matrices: list[FloatArray]) -> FloatArray:
-    """Return one table for several sequences: pair by pair the geometric mean of errors.
+def mean_difference(tables: Sequence[FloatArray]) -> tuple[float, Spread]:
+    """Return the mean over sequences of the means of tables, (k, n >= 2) each, with its spread.
 
-    Ratios of two such tables are the geometric mean over sequences of ratios, whatever the units are. Noise instances
-    of different sequences are independent, so which of them are put together does not matter.
+    Noise on different sequences is independent, so variances add up. Of logarithms of error ratios this is the
+    logarithm of the geometric mean over sequences, whatever their units are.
     """
-    if len(matrices) == 1:
-        return matrices[0]
-    with np.errstate(divide="ignore"):
-        return np.asarray(np.exp(np.mean([np.log(one) for one in matrices], axis=0)))
+    spreads = [two_way_spread(table) for table in tables]
+    center = float(np.mean([table.mean() for table in tables]))
+    if len(spreads) == 1:
+        return center, spreads[0]
+    shares = [spread.variance / len(tables) ** 2 for spread in spreads]
+    squares = sum(share**2 / spread.freedom for share, spread in zip(shares, spreads, strict=True))
+    freedom = sum(shares) ** 2 / squares if squares > 0 else min(spread.freedom for spread in spreads)
+    return center, Spread(sum(shares), freedom)
 
 
 def _log_ratios(a: FloatArray, b: FloatArray) -> FloatArray:

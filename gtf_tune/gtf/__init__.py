@@ -2,7 +2,7 @@
 
 from gtf_tune.gtf.aggregate import Aggregate, aggregate_instances, aggregate_matrix
 from gtf_tune.gtf.collapse import common_collapses, find_collapsed
-from gtf_tune.gtf.comparison import PairedDifference, holm, paired_difference
+from gtf_tune.gtf.comparison import PairedDifference, difference_over_sequences, holm, paired_difference
 from gtf_tune.gtf.score import GtfScore, gtf_score
 from gtf_tune.gtf.settings import GtfMetric, GtfSettings, Normalise
 from gtf_tune.gtf.uncertainty import Estimate, estimate
@@ -18,6 +18,7 @@ __all__ = [
     "aggregate_instances",
     "aggregate_matrix",
     "common_collapses",
+    "difference_over_sequences",
     "estimate",
     "find_collapsed",
     "gtf_score",

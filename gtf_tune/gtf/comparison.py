@@ -18,7 +18,7 @@ from scipy.special import stdtr
 from gtf_tune.gtf.score import GtfScore
 from gtf_tune.gtf.uncertainty import CONFIDENCE, half_width
 from gtf_tune.trajectory import BoolArray, FloatArray
-from gtf_tune.two_way import Spread, compared_table, two_way_spread
+from gtf_tune.two_way import Spread, compared_table, mean_difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,18 +70,34 @@ def paired_difference(a: GtfScore, b: GtfScore, confidence: float = CONFIDENCE) 
     TrajectoryError
         The numbers of clean runs differ, or fewer than two noise instances can be compared.
     """
-    table, left_out = compared_table(a.matrix, b.matrix)
-    spread, center = two_way_spread(table), float(table.mean())
+    return difference_over_sequences([(a, b)], confidence)
+
+
+def difference_over_sequences(
+    pairs: Sequence[tuple[GtfScore, GtfScore]], confidence: float = CONFIDENCE
+) -> PairedDifference:
+    """Compare two settings, (score of a, score of b) on each sequence, by the geometric mean of ratios over sequences.
+
+    What fell apart is left out sequence by sequence: in a mean over sequences one collapse is too small to be seen as
+    such and large enough to hide a difference. Counts are sums over sequences.
+
+    Raises
+    ------
+    TrajectoryError
+        As in `paired_difference`, on one of the sequences.
+    """
+    tables, masks = zip(*(compared_table(a.matrix, b.matrix) for a, b in pairs), strict=True)
+    center, spread = mean_difference(tables)
     half = half_width(spread, confidence)
     return PairedDifference(
         ratio=math.exp(center),
         low=math.exp(center - half),
         high=math.exp(center + half),
         p_value=_p_value(center, spread),
-        n=table.shape[1],
-        left_out=left_out,
-        collapsed_a=int(a.collapsed[: len(left_out)].sum()),
-        collapsed_b=int(b.collapsed[: len(left_out)].sum()),
+        n=sum(table.shape[1] for table in tables),
+        left_out=np.concatenate(masks),
+        collapsed_a=sum(int(a.collapsed[: len(mask)].sum()) for (a, _), mask in zip(pairs, masks, strict=True)),
+        collapsed_b=sum(int(b.collapsed[: len(mask)].sum()) for (_, b), mask in zip(pairs, masks, strict=True)),
     )
 
 

@@ -11,18 +11,17 @@ interval is more often luck, and runs that scatter more are what nobody wants.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.gtf import GtfScore, PairedDifference, common_collapses, holm, paired_difference
+from gtf_tune.gtf import GtfScore, PairedDifference, common_collapses, difference_over_sequences, holm
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.study.coverage import CoverageFloor, coverage_floor
 from gtf_tune.study.verdicts import ADOPT, KEEP, NO_VERDICT
-from gtf_tune.two_way import over_sequences
 
 SIGNIFICANCE = 0.05
 
@@ -93,10 +92,9 @@ def _fails(measured: Measured, holdouts: frozenset[str]) -> bool:
 
 def _compare(nominal: Measured, candidate: Measured, holdouts: frozenset[str], gtf: GtfDefinition) -> _Compared:
     searched = [name for name in nominal.scores if name not in holdouts]
-    by_sequence = {name: _difference(nominal.scores[name], candidate.scores[name]) for name in nominal.scores}
-    together = _difference(
-        joined([nominal.scores[name] for name in searched]), joined([candidate.scores[name] for name in searched])
-    )
+    pairs = {name: (score, candidate.scores[name]) for name, score in nominal.scores.items()}
+    by_sequence = {name: _difference([pair]) for name, pair in pairs.items()}
+    together = _difference([pairs[name] for name in searched])
     faults = [
         fault for name in nominal.scores for fault in _faults(name, nominal.scores[name], candidate.scores[name], gtf)
     ]
@@ -104,18 +102,9 @@ def _compare(nominal: Measured, candidate: Measured, holdouts: frozenset[str], g
     return _Compared(candidate, together, by_sequence, tuple(faults))
 
 
-def joined(scores: Sequence[GtfScore]) -> GtfScore:
-    """Return one score over sequences (see `over_sequences`), collapsed where any sequence did."""
-    return replace(
-        scores[0],
-        matrix=over_sequences([one.matrix for one in scores]),
-        collapsed=np.any([one.collapsed for one in scores], axis=0),
-    )
-
-
-def _difference(nominal: GtfScore, candidate: GtfScore) -> PairedDifference | None:
+def _difference(pairs: Sequence[tuple[GtfScore, GtfScore]]) -> PairedDifference | None:
     try:
-        return paired_difference(nominal, candidate)
+        return difference_over_sequences(pairs)
     except TrajectoryError:
         return None
 

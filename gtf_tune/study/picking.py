@@ -66,33 +66,33 @@ def improvement(nominal: Mapping[str, Any], best: Mapping[str, Any]) -> Improvem
 
     Errors of pairs share their clean and their noisy images, so they are compared pair by pair, as a confirmation does
     (`compared_table`): the interval counts clean and noisy runs, and an instance that fell apart under one of the
-    settings is left out.
+    settings is left out. ``instances`` counts those of all sequences.
     """
-    from gtf_tune.two_way import compared_table, over_sequences, two_way_spread  # here: most readers need no numpy
+    from gtf_tune.two_way import compared_table, mean_difference  # here: most readers need no numpy
 
     tables = [_matrices(one) for one in (nominal, best)]
     if not all(tables) or len(tables[0]) != len(tables[1]):
         return _UNKNOWN
-    first, second = (over_sequences(one) for one in tables)
     try:
-        table, _ = compared_table(first, second)
+        compared = [compared_table(first, second)[0] for first, second in zip(*tables, strict=True)]
     except TrajectoryError:
-        return _without_interval(first, second)
-    centre, spread = float(table.mean()), two_way_spread(table)
+        return _without_interval(*tables)
+    centre, spread = mean_difference(compared)
     half = upper_95(max(int(spread.freedom), 1)) * math.sqrt(spread.variance)
     low, high = (1 - math.exp(min(centre + side * half, _LARGEST_LOG)) for side in (1, -1))
-    return Improvement(1 - math.exp(centre), low, high, table.shape[1])
+    return Improvement(1 - math.exp(centre), low, high, sum(table.shape[1] for table in compared))
 
 
-def _without_interval(nominal: "FloatArray", best: "FloatArray") -> Improvement:
-    """Return the improvement over the first noisy run where there are too few of them for more."""
+def _without_interval(nominal: "Sequence[FloatArray]", best: "Sequence[FloatArray]") -> Improvement:
+    """Return the improvement over the first noisy runs where there are too few of them for more."""
     import numpy as np
 
     with np.errstate(divide="ignore", invalid="ignore"):
-        logs = np.log(best[:, :1]) - np.log(nominal[:, :1]) if len(best) == len(nominal) else np.array([np.nan])
-    if not np.isfinite(logs).all() or not logs.size:
+        logs = [np.log(b[:, :1]) - np.log(a[:, :1]) for a, b in zip(nominal, best, strict=True) if a.shape == b.shape]
+    means = [float(one.mean()) for one in logs]
+    if len(means) < len(nominal) or not all(map(math.isfinite, means)):
         return _UNKNOWN
-    return Improvement(1 - math.exp(float(logs.mean())), math.nan, math.nan, 1)
+    return Improvement(1 - math.exp(sum(means) / len(means)), math.nan, math.nan, 1)
 
 
 def _matrices(detail: Mapping[str, Any]) -> "list[FloatArray]":

@@ -6,7 +6,7 @@ import pytest
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.gtf import GtfScore
-from gtf_tune.study.confirm_verdict import Findings, Measured, joined, judge
+from gtf_tune.study.confirm_verdict import Findings, Measured, judge
 
 GTF = GtfDefinition()
 NOISY = 12
@@ -133,11 +133,17 @@ def test_several_sequences_count_by_their_geometric_mean_whatever_their_units() 
     assert 1 - found["improvement"] == pytest.approx(math.sqrt(0.5 * 0.9), rel=0.05)
 
 
-def test_joined_scores_are_collapsed_where_any_sequence_is() -> None:
-    first, second = score(1.0, collapsed=1), score(2.0, seed=1)
-    second = replace(second, collapsed=np.arange(NOISY) == 3)
+def test_collapses_on_one_sequence_do_not_blur_what_is_found_on_the_others() -> None:
+    names = ("a", "b", "c")
+    nominal = {name: score(1.0, seed=number) for number, name in enumerate(names)}
+    candidate = {name: score(0.8, seed=9 + number, collapsed=2 * (name == "c")) for number, name in enumerate(names)}
 
-    assert np.flatnonzero(joined([first, second]).collapsed).tolist() == [0, 3]
+    (found,) = judge(findings(candidate, nominal=nominal), GTF)["candidates"]
+
+    assert found["improvement"] == pytest.approx(0.2, abs=0.02)
+    assert found["high"] - found["low"] < 0.1
+    assert found["instances"] == 3 * NOISY - 2
+    assert found["reasons"] == [f"2 of {NOISY} noisy runs on c collapsed, 0 under nominal"]
 
 
 def test_a_nominal_that_never_works_cannot_be_compared_with() -> None:
