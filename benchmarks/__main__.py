@@ -39,7 +39,6 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     "search": search_runs.run,
     "five-options": five_options.run,
     "five-rendered": five_rendered.run,
-    "five-seeds": five_rendered.run_other_seeds,
     "sizing": sizing_rules.run,
     "many-trials": many_trials.run,
 }

@@ -53,7 +53,7 @@ NOISY = (
     f"and of the score (`{AGGREGATE}`) with the latter. The first row averages as the summary of predictors does."
 )
 JOINT = (
-    "One search over the five options of table 2 with gtf-tune's default sampler, beside the five sweeps of one "
+    "One search over the five options of table 2 by the sampler that is named, beside the five sweeps of one "
     "option. Someone who does not know which option matters pays for all five sweeps."
 )
 SEVERAL = (

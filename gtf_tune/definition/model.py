@@ -69,7 +69,7 @@ class SearchDefinition(Section):
     """Define the search: sampler, budget in trials (nominal included) and seed.
 
     ``sampler = "auto"`` becomes what suits the space (see docs/performance.md): a grid for lists of values that the
-    budget covers, ``refine`` for one range, else ``tpe``.
+    budget covers, ``refine`` where there is a range, else ``tpe``.
     """
 
     sampler: Literal["auto", "grid", "refine", "tpe", "gp", "cmaes", "qmc", "random"] = "auto"
@@ -133,7 +133,7 @@ def suited_sampler(space: Mapping[str, Axis], trials: int | None) -> str:
     size = math.prod(len(axis.values) for axis in lists) + 1
     if len(lists) == len(space) and size <= (trials or DEFAULT_TRIALS):
         return "grid"
-    return "refine" if len(space) == 1 and not lists else "tpe"
+    return "refine" if len(lists) < len(space) else "tpe"
 
 
 def check_name(name: str) -> str:
