@@ -125,7 +125,7 @@ def _large(figures: Mapping[str, Any]) -> str:
 | connections: {_LARGE_FLEET:,} workers | {connections:,}; PostgreSQL allows 100 unless told otherwise | PgBouncer in transaction mode (1.21 or newer, since the driver prepares statements), or fewer workers with more `--jobs`, or `--executor dask://`: its workers need no connection |
 | every worker reads all trials once | {reading}, at {_LARGE_TRIALS:,} trials | long-lived workers (`gtf-tune worker` opens a study once); few drivers with Dask behind them; several studies |
 | queries that grow with the study | {per_trial_ms:.0f} ms a trial at {_LARGE_TRIALS:,} trials, {hours:.1f} h of a {figures["server_cores"]}-core server for {_LARGE_TRIALS:,} | several studies: runs are shared between them by key, so splitting costs nothing |
-| adaptive samplers | TPE and GP look at all trials before each one, in the worker | `random` or `qmc`, whose trials follow from their number alone; several studies |
+| adaptive samplers | refine, TPE and GP look at all trials before each one, in the worker | `random` or `qmc`, whose trials follow from their number alone; several studies |
 | stored trajectories: {_LARGE_RUNS:,} runs of {figures["frames"]} frames | {stored_tb:.2f} TB, linear in frames and runs | a larger disk first (rows are only appended); then object storage for the trajectories, which are one table (`gtf_run_output`) that no listing reads |
 | heartbeats | {beats:.0f} statements per second | nothing needed |
 
