@@ -94,8 +94,9 @@ def time_study(folder: Path, definition: Mapping[str, Any], trials: int) -> Stud
     database = create_database(str(folder / f"{definition['name']}.db"))
     times = RunTimes()
     with LocalExecutor(stages=StageCache(folder / "cache"), scratch=folder / "scratch") as executor:
-        for name, count, listener in (("warm-up", 1, Silent()), (definition["name"], trials, times)):
-            data = {**definition, "name": name, "search": {"sampler": "tpe", "trials": count, "seed": count}}
+        studies = (("warm-up", 1, Silent()), (definition["name"], trials, times))
+        for seed, (name, count, listener) in enumerate(studies):  # other seeds, so that no run is there already
+            data = {**definition, "name": name, "search": {"sampler": "tpe", "trials": count, "seed": seed}}
             create_study(database, checked_definition(data, name), folder)
             study = open_study(database, name)
             began = time.perf_counter()
