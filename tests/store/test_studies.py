@@ -9,7 +9,7 @@ from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.store import confirmations, runs, slots, studies, trials, validations
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna_tables import optuna_storage
-from gtf_tune.store.runs import RunUse
+from gtf_tune.store.runs import RunUse, StoredRun
 from gtf_tune.store.slots import TrialResult
 from gtf_tune.store.studies import NewStudy, Study
 from gtf_tune.store.validations import Validation
@@ -137,13 +137,18 @@ def test_trials_that_optuna_was_not_told_of_are_found(database: Database, study:
     assert [trial.ordinal for trial in trials.untold(database, study.id)] == [1]
 
 
+@pytest.fixture
+def two_runs(
+    database: Database, make_request: Callable[..., RunRequest], make_outcome: Callable[..., RunOutcome]
+) -> tuple[StoredRun, StoredRun]:
+    first, second = (runs.save(database, make_request("clean", index), make_outcome()) for index in (0, 1))
+    return first, second
+
+
 def test_deleting_a_study_keeps_the_runs_that_another_uses(
-    database: Database,
-    make_study: MakeStudy,
-    make_request: Callable[..., RunRequest],
-    make_outcome: Callable[..., RunOutcome],
+    database: Database, make_study: MakeStudy, two_runs: tuple[StoredRun, StoredRun]
 ) -> None:
-    mine, shared = (runs.save(database, make_request("clean", index), make_outcome()) for index in (0, 1))
+    mine, shared = two_runs
     gone, kept = make_study(database, "gone"), make_study(database, "kept")
     trial_id = run_trial(database, gone, 0.5)
     runs.link(database, trial_id, [RunUse("desk", one, reused=False) for one in (mine, shared)])
@@ -159,12 +164,9 @@ def test_deleting_a_study_keeps_the_runs_that_another_uses(
 
 
 def test_deleting_a_study_keeps_the_runs_of_another_ones_confirmation(
-    database: Database,
-    make_study: MakeStudy,
-    make_request: Callable[..., RunRequest],
-    make_outcome: Callable[..., RunOutcome],
+    database: Database, make_study: MakeStudy, two_runs: tuple[StoredRun, StoredRun]
 ) -> None:
-    mine, shared = (runs.save(database, make_request("clean", index), make_outcome()) for index in (0, 1))
+    mine, shared = two_runs
     gone, kept = make_study(database, "gone"), make_study(database, "kept")
     confirmations.add(database, gone.id, {"run_keys": [mine.key, shared.key]}, {}, "adopt")
     confirmations.add(database, kept.id, {"run_keys": [shared.key]}, {}, "adopt")
