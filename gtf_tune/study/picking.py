@@ -96,7 +96,7 @@ def _without_interval(nominal: "Sequence[FloatArray]", best: "Sequence[FloatArra
 
 
 def _matrices(detail: Mapping[str, Any]) -> "list[FloatArray]":
-    """Return the (k, k_delta) errors of a trial on each sequence, with as many noisy runs; empty where one has none."""
+    """Return the (k, k_delta) errors of a trial on each sequence; nothing where it has none on one of them."""
     import numpy as np
 
     stored = [one.get("matrix") for one in detail.get("sequences", {}).values()]

@@ -51,11 +51,6 @@ def sequence_detail(data: StudyData, ordinal: int, sequence: str) -> SequenceDet
     )
 
 
-def instance_values(data: StudyData, ordinal: int) -> tuple[float, ...]:
-    """Return the value of each noisy instance of a trial, in order; empty where the trial has none."""
-    return tuple(data.details.get(ordinal, {}).get("instances") or ())
-
-
 def nominal_coverage(data: StudyData, sequence: str) -> float:
     """Return the least coverage of the clean runs of trial 0, NaN before it is complete."""
     stored = data.details.get(0, {}).get("sequences", {}).get(sequence, {})
