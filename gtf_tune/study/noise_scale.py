@@ -30,6 +30,8 @@ VISIBLE_FROM = 1.5
 GOOD_ENOUGH = 0.9
 """Share of the best signal-to-spread ratio that a weaker noise needs to be preferred."""
 
+_FEWEST_FOR_FIT = 3
+
 
 @dataclass(frozen=True)
 class NoiseLevel:
@@ -55,7 +57,10 @@ class NoiseLevel:
 
 @dataclass(frozen=True)
 class Line:
-    """Hold a straight line fitted by least squares, and the share of the variance that it explains."""
+    """Hold a straight line fitted by least squares, and the share of the variance that it explains.
+
+    ``r_squared`` is NaN for fewer than three points: a line through two of them explains everything and says nothing.
+    """
 
     slope: float
     intercept: float
@@ -173,4 +178,5 @@ def _fit(x: FloatArray, y: FloatArray) -> Line:
     slope, intercept = np.polyfit(x, y, 1)
     total = float(((y - y.mean()) ** 2).sum())
     rest = float(((y - slope * x - intercept) ** 2).sum())
-    return Line(float(slope), float(intercept), 1 - rest / total if total > 0 else math.nan)
+    told = total > 0 and len(x) >= _FEWEST_FOR_FIT
+    return Line(float(slope), float(intercept), 1 - rest / total if told else math.nan)

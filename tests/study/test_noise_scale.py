@@ -29,6 +29,17 @@ def test_a_linear_response_is_recovered_whatever_the_floor(floor: float, respons
         assert scale.square_line.slope == pytest.approx(response**2, rel=1e-6)
 
 
+def test_one_level_in_the_linear_range_does_not_show_that_it_is_linear() -> None:
+    levels = [level(0.5, 1e-3), level(1.0, 1.1e-3), level(2.0, 1.2e-3)]
+
+    scale = noise_scale(level(0.0, 1e-4), levels)
+
+    assert scale.linear == (True, False, False)
+    assert scale.score_line.slope == pytest.approx((1e-3 - 1e-4) / 0.5)
+    assert math.isnan(scale.score_line.r_squared)
+    assert math.isnan(scale.square_line.r_squared)
+
+
 def test_noise_below_the_floor_is_not_in_the_linear_range() -> None:
     scale = noise_scale(level(0.0, 1e-3), ladder(1e-3, 1e-3))
 
