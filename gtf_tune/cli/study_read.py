@@ -277,7 +277,8 @@ def _verdict(recommended: "Recommendation") -> str:
     word = (
         f"{recommended.verdict} trial {recommended.trial.ordinal}" if recommended.trial.ordinal else recommended.verdict
     )
-    return f"{word}; trial {found['ordinal']}: {change}"
+    against = "".join(f"; {reason}" for reason in found["reasons"])
+    return f"{word}; trial {found['ordinal']}: {change}{against}"
 
 
 def _pick_as_json(found: "Pick", recommended: "Recommendation") -> dict[str, Any]:

@@ -3,6 +3,8 @@ from pathlib import Path
 
 import pytest
 
+from gtf_tune.store import confirmations, studies
+from gtf_tune.store.database import open_database
 from gtf_tune.study.export import FORMATS, formats_of
 from tests.cli.conftest import Cli
 
@@ -35,6 +37,21 @@ def test_a_confirmed_setting_is_the_one_that_best_and_export_give(tuned: Cli) ->
     assert best["verdict"] == "adopt"
     assert json.loads(exported.out) == {"filter": {"max_error": best["recommended"]["options"]["filter.max_error"]}}
     assert "verdict: adopt" in exported.err
+
+
+def test_best_says_why_nominal_is_kept(tuned: Cli) -> None:
+    found = json.loads(tuned(*CONFIRM, "--json").out)
+    database = open_database("gtf-tune.db")
+    study = studies.get(database, "small")
+    (candidate,) = found["candidates"]
+    kept = {**candidate, "verdict": "keep nominal", "reasons": ["2 of 10 noisy runs on room collapsed"]}
+    confirmations.add(database, study.id, {}, {**found, "candidates": [kept], "adopted": None}, "keep nominal")
+    database.close()
+
+    said = tuned("study", "best", "small").out
+
+    assert "keep nominal" in said
+    assert "2 of 10 noisy runs on room collapsed" in " ".join(said.split())
 
 
 def test_a_confirmation_as_json_holds_effect_interval_and_p_value(tuned: Cli) -> None:

@@ -80,6 +80,31 @@ def test_nominal_is_kept_where_no_candidate_was_confirmed(own_database: Database
     assert verdict.candidates[0].reasons == ("not significantly better than nominal",)
 
 
+def test_a_kept_nominal_is_not_said_to_be_unbeaten_where_candidates_were_better_but_fragile(
+    own_database: Database, confirm_study: Confirm
+) -> None:
+    confirm_study(own_database, "keep nominal")
+    data = read_study(own_database, "synthetic")
+
+    sentence = verdict_sentences(data, study_verdict(data))[0]
+
+    assert "none of 1 candidate passed every test" in sentence
+    assert "beat" not in sentence
+
+
+def test_a_kept_nominal_that_had_no_rival_was_not_run_again(own_database: Database, confirm_study: Confirm) -> None:
+    confirm_study(own_database, "keep nominal")
+    data = read_study(own_database, "synthetic")
+    alone = replace(data.confirmations[0], result={"candidates": [], "adopted": None})
+    data = replace(data, confirmations=(alone,), trials=tuple(one for one in data.trials if one.ordinal != 3))
+    best = replace(data, trials=tuple(replace(one, value=0.0) if not one.ordinal else one for one in data.trials))
+
+    verdict = study_verdict(best)
+
+    assert verdict.kind == "keep"
+    assert "nothing to confirm" in verdict_sentences(best, verdict)[0]
+
+
 def test_a_nominal_that_does_not_work_is_never_kept(own_database: Database, confirm_study: Confirm) -> None:
     confirm_study(own_database, "keep nominal")
     data = read_study(own_database, "synthetic")

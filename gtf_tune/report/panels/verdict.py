@@ -66,7 +66,12 @@ def _main_sentence(data: StudyData, verdict: Verdict) -> str:
     if verdict.kind == "adopt":
         return f"With fresh seeds its {name} is {better} than that of the nominal options{sure}."
     if verdict.kind == "keep":
-        return f"With fresh seeds none of {count(len(verdict.candidates), 'candidate')} can be said to beat nominal."
+        if not verdict.candidates:
+            return f"No trial had a smaller {name} than nominal in the search, so there was nothing to confirm."
+        return (
+            f"With fresh seeds none of {count(len(verdict.candidates), 'candidate')} passed every test; the table says "
+            "what speaks against each."
+        )
     if verdict.kind == "unconfirmed":
         doubt = "" if verdict.is_distinct else " The interval does not exclude that they are equal."
         return (
