@@ -2,9 +2,10 @@ import json
 from dataclasses import replace
 
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.tables.details import nominal_coverage, sequence_detail
+from gtf_tune.report.tables.details import nominal_floor, sequence_detail
 from gtf_tune.report.tables.failures import run_failures, trial_faults
 from gtf_tune.report.tables.provenance import provenance
+from gtf_tune.study.coverage import CoverageFloor
 
 
 def test_failed_runs_are_grouped_by_their_reason(data: StudyData) -> None:
@@ -47,7 +48,15 @@ def test_a_trial_without_matrices_has_empty_ones(data: StudyData) -> None:
     detail = sequence_detail(data, 9, "walk")
 
     assert detail.matrix.size == 0
-    assert nominal_coverage(data, "walk") == 1.0
+
+
+def test_the_floors_drawn_are_those_of_the_search_clean_and_noisy_apart(data: StudyData) -> None:
+    stored = data.details[0]["sequences"]["walk"]
+    lossy = {"sequences": {"walk": {**stored, "coverage_clean": [0.0, 1.0], "coverage_noisy": [0.8, 0.9, 0.9, 0.9]}}}
+
+    assert nominal_floor(data, "walk") == CoverageFloor(0.95, 0.95)
+    assert nominal_floor(replace(data, details={0: lossy}), "walk") == CoverageFloor(0.95, 0.95 * 0.8)
+    assert nominal_floor(replace(data, details={}), "walk") is None
 
 
 def test_what_a_study_depends_on_is_complete(data: StudyData) -> None:

@@ -8,7 +8,8 @@ from gtf_tune.report.markup import Html
 from gtf_tune.report.numbers import duration, interval, percent, share, significant, value_text
 from gtf_tune.report.panels.blocks import Block, Drawing, ReportInput
 from gtf_tune.report.panels.scores import searched_axes
-from gtf_tune.report.tables.details import nominal_coverage
+from gtf_tune.report.study_data import StudyData
+from gtf_tune.report.tables.details import nominal_floor
 from gtf_tune.report.tables.optuna_copy import optuna_copy
 from gtf_tune.report.tables.points import PointSet, TrialPoint, study_points
 
@@ -49,17 +50,23 @@ def trials_panel(report: ReportInput) -> list[Block]:
 
 
 def coverage_panel(report: ReportInput) -> list[Block]:
-    """Return the coverage of each trial, with the floor of each sequence."""
+    """Return the coverage of each trial, with the floors of each sequence."""
     data, points = report.data, study_points(report.data)
     if not any(math.isfinite(point.coverage) for point in points.points):
         return [markup.missing("No trial is complete yet, so there is no coverage to show.")]
-    floor = data.definition.gtf.coverage_floor
-    floors = [
-        (one.name if data.has_several_sequences else "", floor * nominal_coverage(data, one.name))
-        for one in data.sequences
-    ]
-    drawn = coverage_figure(points, [(name, value) for name, value in floors if math.isfinite(value)])
+    drawn = coverage_figure(points, [floor for one in data.sequences for floor in _floors(data, one.name)])
     return [Drawing("coverage", "", drawn, is_wide=True)]
+
+
+def _floors(data: StudyData, sequence: str) -> list[tuple[str, float]]:
+    """Return the names and the values of the floors of a sequence: one, or two where noise costs nominal frames."""
+    found = nominal_floor(data, sequence)
+    if found is None:
+        return []
+    name = sequence if data.has_several_sequences else ""
+    if found.clean == found.noisy:
+        return [(name, found.clean)]
+    return [(f"{name} clean runs".strip(), found.clean), (f"{name} noisy runs".strip(), found.noisy)]
 
 
 def _importance(report: ReportInput, points: PointSet) -> Block:

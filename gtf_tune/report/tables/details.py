@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gtf_tune.report.study_data import StudyData
+from gtf_tune.study.coverage import CoverageFloor, coverage_floor
 from gtf_tune.trajectory import FloatArray
 
 
@@ -51,10 +52,13 @@ def sequence_detail(data: StudyData, ordinal: int, sequence: str) -> SequenceDet
     )
 
 
-def nominal_coverage(data: StudyData, sequence: str) -> float:
-    """Return the least coverage of the clean runs of trial 0, NaN before it is complete."""
+def nominal_floor(data: StudyData, sequence: str) -> CoverageFloor | None:
+    """Return the least coverage that trials must reach, as the runs of trial 0 set it; None before it is complete."""
     stored = data.details.get(0, {}).get("sequences", {}).get(sequence, {})
-    return _number(stored.get("coverage_nominal"))
+    clean = stored.get("coverage_clean") or [_number(stored.get("coverage_nominal"))]
+    if math.isnan(clean[0]):
+        return None
+    return coverage_floor(clean, stored.get("coverage_noisy") or [], data.definition.gtf.coverage_floor)
 
 
 def _number(value: Any) -> float:
