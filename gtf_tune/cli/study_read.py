@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from gtf_tune.definition import StudyDefinition
     from gtf_tune.report.units import ScoreUnit
     from gtf_tune.store.runs import RunTotals
+    from gtf_tune.store.studies import Study
     from gtf_tune.store.trials import Effort, Trial
     from gtf_tune.study.picking import Pick
     from gtf_tune.study.recommendation import Recommendation
@@ -102,7 +103,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
         )
         return
     efforts = trials.efforts(database, study.id)
-    _write_heading(definition, study.state, efforts, runs.totals(database, study.id))
+    _write_heading(definition, study, efforts, runs.totals(database, study.id))
     if truth.by_trial:
         say(f"ground truth, never seen by the search: {truth.side.words} [{truth.side.unit}]")
     count = sum(one.count for one in efforts)
@@ -165,7 +166,7 @@ def delete(
     say(f"deleted study '{name}'")
 
 
-def _write_heading(definition: "StudyDefinition", state: str, efforts: list["Effort"], cost: "RunTotals") -> None:
+def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list["Effort"], cost: "RunTotals") -> None:
     gtf = definition.gtf
     noisy = str(gtf.noisy_runs_max)
     if gtf.noisy_runs_min < gtf.noisy_runs_max:
@@ -174,10 +175,10 @@ def _write_heading(definition: "StudyDefinition", state: str, efforts: list["Eff
     spared = _spared(definition, efforts)
     write_pairs(
         {
-            "study": f"{definition.name} ({state}, {finished} trials done)",
+            "study": f"{definition.name} ({study.state}, {finished} trials done)",
             "pipeline": definition.pipeline.name,
             "sequences": ", ".join(one.name for one in definition.sequences),
-            "runs a trial": f"{gtf.clean_runs} clean, {noisy} noisy at {gtf.noise_sigma} grey levels",
+            "runs a trial": f"{gtf.clean_runs} clean, {noisy} noisy at {_noise(definition, study)} grey levels",
             "score": f"{gtf.metric}, {gtf.aggregate}, {gtf.alignment}, normalised by {gtf.normalise}",
             "sampler": f"{definition.search.sampler}, seed {definition.search.seed}",
             "runs": f"{cost.made} made in {duration(cost.made_s)}, {cost.reused} reused, {cost.failed} failed",
@@ -185,6 +186,15 @@ def _write_heading(definition: "StudyDefinition", state: str, efforts: list["Eff
         }
     )
     write_line("")
+
+
+def _noise(definition: "StudyDefinition", study: "Study") -> str:
+    """Return the noise of the search, of each sequence where it was measured and differs; "auto" until then."""
+    known = study.resolved["noise_sigma"]
+    found = {one.name: known[one.name] for one in definition.searched_sequences if one.name in known}
+    if len(set(found.values())) > 1:
+        return ", ".join(f"{sigma:g} ({name})" for name, sigma in found.items())
+    return next((f"{sigma:g}" for sigma in found.values()), str(definition.gtf.noise_sigma))
 
 
 def _spared(definition: "StudyDefinition", efforts: list["Effort"]) -> str:

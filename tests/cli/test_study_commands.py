@@ -1,5 +1,6 @@
 import contextlib
 import json
+import re
 import sqlite3
 from pathlib import Path
 
@@ -96,6 +97,17 @@ def test_scores_and_true_errors_carry_the_units_that_the_definition_asks_for(cli
     assert "deg" in best
     assert "‰" not in shown + best
     assert "gt_rpe_translation:room" in header
+
+
+def test_show_gives_the_noise_that_auto_has_measured(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "--noise-sigma", "auto")
+
+    before = cli("study", "show", "small").out
+    cli("study", "run", "small", "--jobs", "1")
+    after = cli("study", "show", "small").out
+
+    assert "noisy at auto grey levels" in before
+    assert re.search(r"noisy at [0-9.]+ grey levels", after)
 
 
 def test_a_study_whose_runs_all_failed_has_a_report_that_says_why(cli: Cli, room: Path) -> None:
