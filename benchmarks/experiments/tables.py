@@ -117,7 +117,9 @@ def shortfall_table(outcomes: Sequence[Outcome]) -> Table:
         logs = np.log(oracle.matrix / pick.matrix).mean(axis=0)[sound]
         gap, spread = float(logs.mean()), float(logs.std(ddof=1))
         certain = abs(gap) > 2.0 * spread / math.sqrt(len(logs))
-        needed = "more do not help" if certain else f"about {math.ceil((2.8 * spread / max(abs(gap), 1e-9)) ** 2)}"
+        needed = f"about {math.ceil((2.8 * spread / max(abs(gap), 1e-9)) ** 2)}"
+        if certain:
+            needed = "more do not help" if gap > 0 else "enough, compared in pairs"
         one = outcome.experiment
         rows.append(
             [

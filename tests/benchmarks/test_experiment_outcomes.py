@@ -25,7 +25,7 @@ from benchmarks.experiments.plan import (
 )
 from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
 from benchmarks.experiments.stored import outcome_from, stored_curves, stored_ladders, stored_results
-from benchmarks.experiments.tables import joint_table, noisy_table, trap_table
+from benchmarks.experiments.tables import joint_table, noisy_table, shortfall_table, trap_table
 from gtf_tune.trajectory import Trajectory
 
 HUBER = Experiment("dtu-scan24", OPTIONS["huber"], 2.0)
@@ -187,6 +187,25 @@ def test_the_trap_table_says_which_settings_are_infeasible() -> None:
     _, rows = trap_table([found])
 
     assert [row[-1] for row in rows] == ["feasible and picked", "infeasible"]
+
+
+@pytest.mark.parametrize(
+    ("oracle", "told"),
+    [
+        ((0.3, 0.3, 0.4, 0.5, 1.2, 1.3), "more do not help"),
+        ((-0.3, -0.3, 0.2, 0.2, 0.7, 0.7), "enough, compared in pairs"),
+    ],
+)
+def test_noisy_runs_are_useless_only_where_pairs_prefer_the_pick(oracle: tuple[float, ...], told: str) -> None:
+    pick = (0.0, 0.0, 0.1, 0.2, 1.0, 1.0)
+    settings = [
+        replace(setting(ordinal, true_ate), matrix=np.exp(np.tile(logs, (2, 1))))
+        for ordinal, (true_ate, logs) in enumerate([(1.0, [2.0] * 6), (0.9, pick), (0.5, oracle)])
+    ]
+
+    ((*_, needed),) = shortfall_table([outcome(*settings)])[1]
+
+    assert needed == told
 
 
 def test_the_noisy_table_judges_picks_by_the_truth_of_noisy_runs() -> None:
