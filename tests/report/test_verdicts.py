@@ -110,10 +110,12 @@ def test_a_nominal_that_does_not_work_is_never_kept(own_database: Database, conf
     data = read_study(own_database, "synthetic")
     broken = [replace(one, feasible=False) if one.ordinal == 0 else one for one in data.trials]
 
-    verdict = study_verdict(replace(data, trials=tuple(broken)))
+    data = replace(data, trials=tuple(broken))
+    verdict = study_verdict(data)
 
     assert (verdict.kind, verdict.ordinal) == ("unconfirmed", 3)
     assert math.isnan(verdict.improvement.value)
+    assert "nominal options are infeasible" in verdict_sentences(data, verdict)[0]
 
 
 def test_a_confirmation_says_nothing_about_a_better_trial_that_came_later(

@@ -72,6 +72,8 @@ def _main_sentence(data: StudyData, verdict: Verdict) -> str:
             f"With fresh seeds none of {count(len(verdict.candidates), 'candidate')} passed every test; the table says "
             "what speaks against each."
         )
+    if verdict.kind == "unconfirmed" and data.nominal is None:
+        return f"The nominal options are infeasible, so there is nothing to compare its {name} with."
     if verdict.kind == "unconfirmed":
         doubt = "" if verdict.is_distinct else " The interval does not exclude that they are equal."
         return (
