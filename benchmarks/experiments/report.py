@@ -13,6 +13,7 @@ from benchmarks.experiments.numbers import known, part, percent
 from benchmarks.experiments.plan import FRAMES
 from benchmarks.experiments.settings import PREDICTORS, Outcome
 from benchmarks.experiments.several import several_table
+from benchmarks.experiments.unseen import unseen_table
 
 
 def write_results(findings: Findings, folder: Path) -> None:
@@ -49,7 +50,7 @@ def _parts(findings: Findings, drawn: Sequence[str]) -> list[str]:
         part("Which aggregate, over many choices of noisy runs", text.PICKS, tables.picks_table(outcomes, many)),
         part("Every experiment and predictor", text.PREDICTORS, tables.predictor_table(outcomes)),
         part("Why a pick is not the best", text.SHORTFALL, tables.shortfall_table(outcomes)),
-        part("The same picks on noisy images", text.NOISY, tables.noisy_table(outcomes)),
+        part("Picks on images that they have not seen", text.UNSEEN, unseen_table(outcomes)),
         part("All five options at once", text.JOINT, tables.joint_table(findings.joints, outcomes)),
         part("One setting for several sequences", text.SEVERAL, several_table(findings.several)),
         part("How many noisy runs", text.K_DELTA + figures["k-delta"], tables.k_delta_table(findings.curves)),
@@ -120,7 +121,7 @@ def _as_data(outcome: Outcome) -> dict[str, Any]:
                 "feasible": one.feasible,
                 "coverage": one.coverage,
                 "true_ate": known(one.true_ate),
-                "noisy_true_ate": known(one.noisy_true_ate),
+                "noisy_true_ates": [known(value) for value in one.noisy_true_ates.tolist()],
                 "collapsed": one.collapsed,
                 "reprojection_px": known(one.reprojection_px),
                 "clean_clean": known(one.clean_clean),

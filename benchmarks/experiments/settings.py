@@ -11,6 +11,7 @@ import numpy as np
 from benchmarks.experiments.estimators import between, dispersion, paired_ratio
 from benchmarks.experiments.numbers import spearman
 from benchmarks.experiments.plan import Experiment
+from gtf_tune.errors import TrajectoryError
 from gtf_tune.gtf import Aggregate, aggregate_matrix
 from gtf_tune.metrics import ate
 from gtf_tune.store import confirmations, runs, studies, trials, validations
@@ -26,7 +27,8 @@ class Setting:
     """Hold one value of an option.
 
     ``matrix`` (k, k_delta) is NaN where the setting is infeasible. ``true_ate`` is the true error of the clean runs in
-    the unit of the ground truth, ``noisy_true_ate`` the median one of the noisy runs, NaN where it is not known.
+    the unit of the ground truth, ``noisy_true_ates`` (k_delta,) those of the noisy runs, NaN where a run failed or the
+    setting is infeasible, empty where ground truth is not at hand.
     ``clean_clean``, ``noisy_noisy``, ``dispersion`` and ``paired`` are the other estimators of precision.
     """
 
@@ -35,7 +37,7 @@ class Setting:
     feasible: bool
     coverage: float
     true_ate: float
-    noisy_true_ate: float
+    noisy_true_ates: FloatArray
     matrix: FloatArray
     collapsed: float
     clean_clean: float
@@ -104,16 +106,6 @@ class Outcome:
         """Return the true error of a setting relative to nominal's, negative where it is better."""
         return setting.true_ate / self.nominal.true_ate - 1
 
-    def noisy_change(self, setting: Setting) -> float:
-        """Return the same over noisy images: the median true error of noisy runs relative to nominal's."""
-        return setting.noisy_true_ate / self.nominal.noisy_true_ate - 1
-
-    @property
-    def noisy_oracle(self) -> Setting | None:
-        """Return the best setting by the true errors of noisy runs, None where they are not known."""
-        known = [one for one in self.feasible if math.isfinite(one.noisy_true_ate)]
-        return min(known, key=lambda one: one.noisy_true_ate) if len(known) == len(self.feasible) else None
-
     def knows(self, predictor: Predictor) -> bool:
         """Tell whether a predictor was measured for every feasible setting."""
         return all(math.isfinite(predictor(one)) for one in self.feasible)
@@ -165,7 +157,7 @@ def _setting(
         feasible=bool(trial.feasible),
         coverage=trial.coverage or 0.0,
         true_ate=next((one.ate for one in validated if one.ate is not None), math.nan),
-        noisy_true_ate=_median_ate(truth, noisy_poses) if trial.feasible else math.nan,
+        noisy_true_ates=_true_ates(truth, noisy_poses),
         matrix=matrix,
         collapsed=trial.collapsed_rate or 0.0,
         clean_clean=between(clean_poses),
@@ -176,10 +168,15 @@ def _setting(
     )
 
 
-def _median_ate(truth: Trajectory | None, found: Sequence[Trajectory]) -> float:
-    if truth is None:
+def _true_ates(truth: Trajectory | None, found: Sequence[Trajectory]) -> FloatArray:
+    return np.array([] if truth is None else [_true_ate(truth, one) for one in found], dtype=np.float64)
+
+
+def _true_ate(truth: Trajectory, found: Trajectory) -> float:
+    try:
+        return ate(truth, found, alignment="sim3")
+    except TrajectoryError:
         return math.nan
-    return float(np.median([ate(truth, one, alignment="sim3") for one in found]))
 
 
 def _matrix(database: Database, experiment: Experiment, trial: trials.Trial) -> FloatArray:

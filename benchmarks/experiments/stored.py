@@ -96,7 +96,7 @@ def _setting(ordinal: int, row: Mapping[str, Any], matrix: FloatArray, nominal: 
         feasible=row["feasible"],
         coverage=row["coverage"],
         true_ate=_number(row["true_ate"]),
-        noisy_true_ate=_number(row.get("noisy_true_ate")),
+        noisy_true_ates=np.array([_number(value) for value in row.get("noisy_true_ates", ())]),
         matrix=matrix,
         collapsed=row["collapsed"],
         clean_clean=_number(row["clean_clean"]),

@@ -5,14 +5,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from benchmarks.experiments.findings import WORTH_FINDING, share_of_oracle
+from benchmarks.experiments.findings import share_of_oracle
 from benchmarks.experiments.joint import Joint, sweeps_of
 from benchmarks.experiments.k_delta import Curve, picks
 from benchmarks.experiments.ladder import Ladder
-from benchmarks.experiments.numbers import Table, mean, percent, plain, significant, spearman
+from benchmarks.experiments.numbers import Table, mean, percent, plain, significant
 from benchmarks.experiments.paper import ROWS
 from benchmarks.experiments.plan import AGGREGATE, OPTIONS
 from benchmarks.experiments.settings import AGGREGATES, PREDICTORS, Outcome, Setting
+from benchmarks.experiments.unseen import SCORERS, share_on_unseen
 from gtf_tune.gtf import find_collapsed
 
 COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 60)
@@ -49,12 +50,14 @@ def paper_table() -> Table:
 
 def summary_table(outcomes: Sequence[Outcome]) -> Table:
     """Return one row for each predictor, averaged over experiments."""
-    columns = ["predictor", "grids", "R2", "Spearman", "change of true ATE", "share of the oracle", "regressions"]
+    columns = ["predictor", "grids", "R2", "Spearman", "change of true ATE", "share of the oracle"]
+    columns += ["share on unseen images", "regressions"]
     rows = []
     for name, predictor in PREDICTORS.items():
         found = [(one, one.agreement(predictor)) for one in outcomes if one.knows(predictor)]
         changes = [outcome.change(agreement.pick) for outcome, agreement in found]
         share, _ = share_of_oracle(outcomes, name)
+        unseen, _ = share_on_unseen(outcomes, SCORERS[name]) if name in SCORERS else (math.nan, 0)
         rows.append(
             [
                 name,
@@ -63,6 +66,7 @@ def summary_table(outcomes: Sequence[Outcome]) -> Table:
                 plain(mean(agreement.spearman for _, agreement in found)),
                 percent(mean(changes)),
                 f"{share:.0%}" if math.isfinite(share) else "-",
+                f"{unseen:.0%}" if math.isfinite(unseen) else "-",
                 f"{sum(change > 0.01 for change in changes)} of {len(changes)}",
             ]
         )
@@ -139,39 +143,6 @@ def shortfall_table(outcomes: Sequence[Outcome]) -> Table:
         "oracle's collapses",
         "noisy runs",
     ], rows
-
-
-def noisy_table(outcomes: Sequence[Outcome]) -> Table:
-    """Return what picks do on noisy images, by ground truth."""
-    predictor = PREDICTORS[AGGREGATE]
-    rows, shares, agreements = [], [], []
-    for outcome in outcomes:
-        oracle = outcome.noisy_oracle
-        if oracle is None:
-            continue
-        pick = outcome.agreement(predictor).pick
-        gain, possible = outcome.noisy_change(pick), outcome.noisy_change(oracle)
-        if possible < -WORTH_FINDING:
-            shares.append(max(gain / possible, -1.0))
-        noisy = [one.noisy_true_ate for one in outcome.feasible]
-        clean = [one.true_ate for one in outcome.feasible]
-        by_score = spearman([predictor(one) for one in outcome.feasible], noisy)
-        agreements.append(by_score)
-        one = outcome.experiment
-        rows.append(
-            [
-                f"{one.sequence} {one.option.short}",
-                percent(outcome.change(pick)),
-                percent(gain),
-                percent(possible),
-                plain(spearman(clean, noisy)),
-                plain(by_score),
-            ]
-        )
-    if rows:
-        share = f"{mean(shares):.0%} of the oracle over {len(shares)} grids" if shares else "-"
-        rows.insert(0, ["average", "", share, "", "", plain(mean(agreements))])
-    return ["experiment", "pick, clean", "pick, noisy", "oracle, noisy", "clean and noisy", "score and noisy"], rows
 
 
 def k_delta_table(curves: Sequence[Curve]) -> Table:

@@ -29,7 +29,9 @@ AGGREGATES = (
     "nominal's under the same noise, without instances far from the others (what confirmation tests); `noisy-noisy` "
     "the median error of noisy runs against each other; `dispersion` the median distance of all runs from their "
     "Procrustes consensus; `clean-clean` the error of clean runs against each other; `reprojection` the mean "
-    "reprojection error. All of them use the same runs."
+    "reprojection error. All of them use the same runs. "
+    '"share on unseen images" is that part where half of the noisy runs choose and ground truth judges the other half '
+    "(see below)."
 )
 WEAKER = "The cheap grids again, with the noise given behind the option; cells as in the table of every experiment."
 PICKS = (
@@ -46,11 +48,15 @@ SHORTFALL = (
     "noisy runs do not help: the score prefers another setting than the truth does. Otherwise the last column says how "
     "many would settle which of the two the score prefers (power 80 %)."
 )
-NOISY = (
-    "Ground truth judges clean runs above, and those are one draw: the same settings on images with other noise rank "
-    "differently where settings are near. Here it judges the noisy runs of the same trials, by their median, against "
-    "nominal's. The last columns are rank correlations: of the true errors of clean and of noisy runs with each other, "
-    f"and of the score (`{AGGREGATE}`) with the latter. The first row averages as the summary of predictors does."
+UNSEEN = (
+    "Ground truth judges clean runs above, and those are one draw: where settings are near, the same settings rank "
+    "differently on the next images. So here half of the noisy runs of each grid choose a setting, together with the "
+    "clean ones, and ground truth judges the choice on the other half, by the median true error against nominal's, "
+    f"averaged over all ways to halve them. Beside the pick of the score (`{AGGREGATE}`) stand the settings that "
+    "someone with ground truth would choose from the same runs: from the clean ones or from the seen noisy ones. "
+    '"In hindsight" is the best setting of the unseen half itself, which nobody can know. The last columns are rank '
+    "correlations, of the score and of the true error of clean runs with the true error on unseen images. The first "
+    f"row averages shares over grids where hindsight gains more than {WORTH_FINDING:.0%}, a loss as -100 % at the most."
 )
 JOINT = (
     "One search over the five options of table 2 by the sampler that is named, beside the five sweeps of one "

@@ -1,5 +1,5 @@
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +25,8 @@ from benchmarks.experiments.plan import (
 )
 from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
 from benchmarks.experiments.stored import outcome_from, stored_curves, stored_ladders, stored_results
-from benchmarks.experiments.tables import joint_table, noisy_table, shortfall_table, trap_table
+from benchmarks.experiments.tables import joint_table, shortfall_table, trap_table
+from benchmarks.experiments.unseen import SCORERS, on_unseen, share_on_unseen, unseen_table
 from gtf_tune.trajectory import Trajectory
 
 HUBER = Experiment("dtu-scan24", OPTIONS["huber"], 2.0)
@@ -39,7 +40,7 @@ def setting(
     *,
     feasible: bool = True,
     runs: int = 8,
-    noisy_true_ate: float | None = None,
+    noisy_true_ates: Sequence[float] | None = None,
 ) -> Setting:
     """Return a setting whose score follows its true error, except where runs collapsed."""
     matrix = 1e-3 * true_ate * np.exp(0.1 * np.random.default_rng(ordinal).standard_normal((2, runs)))
@@ -50,7 +51,7 @@ def setting(
         feasible=feasible,
         coverage=1.0 if feasible else 0.5,
         true_ate=true_ate,
-        noisy_true_ate=true_ate if noisy_true_ate is None else noisy_true_ate,
+        noisy_true_ates=np.full(runs, true_ate) if noisy_true_ates is None else np.array(noisy_true_ates),
         matrix=matrix,
         collapsed=collapsed / runs,
         clean_clean=1e-4,
@@ -208,19 +209,38 @@ def test_noisy_runs_are_useless_only_where_pairs_prefer_the_pick(oracle: tuple[f
     assert needed == told
 
 
-def test_the_noisy_table_judges_picks_by_the_truth_of_noisy_runs() -> None:
-    found = outcome(setting(0, 1.0), setting(1, 0.5, noisy_true_ate=0.9), setting(2, 0.7, noisy_true_ate=0.6))
+def test_picks_are_judged_on_the_half_of_the_noisy_runs_that_did_not_choose() -> None:
+    nominal = setting(0, 1.0)
+    lucky = setting(1, 0.9, noisy_true_ates=[0.2] + 7 * [2.0])
+    steady = setting(2, 0.95, noisy_true_ates=8 * [0.5])
 
-    _, rows = noisy_table([found])
+    found = on_unseen(outcome(nominal, lucky, steady), lambda one, *_: -one.ordinal)
 
-    assert rows[0][2] == "25% of the oracle over 1 grids"
-    assert rows[1] == ["dtu-scan24 huber", "-50.0%", "-10.0%", "-40.0%", "0.50", "0.50"]
+    assert found is not None
+    assert found.by_score == pytest.approx(-0.5)
+    assert found.by_clean_truth == pytest.approx(1.0)
+    assert found.by_seen_truth == found.hindsight == pytest.approx(-0.5)
 
 
-def test_nothing_is_said_of_noisy_runs_where_their_truth_is_not_known() -> None:
-    found = outcome(setting(0, 1.0), setting(1, 0.5, noisy_true_ate=math.nan))
+def test_a_pick_by_runs_that_say_nothing_of_the_others_reaches_little_of_what_hindsight_does() -> None:
+    generator = np.random.default_rng(0)
+    settings = [
+        replace(setting(ordinal, 1.0, noisy_true_ates=errors), matrix=np.tile(errors, (2, 1)))
+        for ordinal, errors in enumerate(generator.uniform(0.5, 1.5, (7, 8)))
+    ]
 
-    assert noisy_table([found])[1] == []
+    share, grids = share_on_unseen([outcome(*settings)], SCORERS["median"])
+    _, rows = unseen_table([outcome(*settings)])
+
+    assert grids == 1
+    assert share < 0.5
+    assert rows[0][:2] == ["share of hindsight, 1 grids", f"{share:.0%}"]
+
+
+def test_nothing_is_said_of_unseen_images_where_their_truth_is_not_known() -> None:
+    found = outcome(setting(0, 1.0), setting(1, 0.5, noisy_true_ates=()))
+
+    assert unseen_table([found])[1] == []
 
 
 def test_a_joint_search_stands_beside_the_sweeps_of_its_sequence() -> None:
@@ -269,4 +289,4 @@ def test_outcomes_read_back_from_the_results_are_the_same(tmp_path: Path, monkey
     assert [one.true_ate for one in found.settings] == [1.0, 0.5, 0.2]
     assert np.array_equal(found.settings[1].matrix, settings[1].matrix)
     assert [one.feasible for one in found.settings] == [True, True, False]
-    assert [one.noisy_true_ate for one in found.settings] == [1.0, 0.5, 0.2]
+    assert [one.noisy_true_ates[0] for one in found.settings] == [1.0, 0.5, 0.2]
