@@ -35,7 +35,12 @@ _INCREMENTAL = (
     ("mapper.", "Mapper."),
     ("pipeline.", "Mapper."),
 )
-_MAPPERS = {"glomap": _GLOBAL, "colmap": _INCREMENTAL, "colmap-hierarchical": _INCREMENTAL}
+_HIERARCHICAL = (
+    ("clustering.", "HierarchicalMapper."),
+    ("hierarchical.", "HierarchicalMapper."),
+    *_INCREMENTAL,
+)
+_MAPPERS = {"glomap": _GLOBAL, "colmap": _INCREMENTAL, "colmap-hierarchical": _HIERARCHICAL}
 _COMMANDS = {
     "FeatureExtraction": "feature_extractor",
     "SiftExtraction": "feature_extractor",
@@ -47,6 +52,7 @@ _COMMANDS = {
     "ExhaustiveMatching": "exhaustive_matcher",
     "SequentialMatching": "sequential_matcher",
     "Mapper": "mapper",
+    "HierarchicalMapper": "hierarchical_mapper",
     "GlobalMapper": "global_mapper",
 }
 
@@ -56,9 +62,11 @@ def flag_of(pipeline: str, option: str) -> str | None:
     return next((flag for flag in _candidates(pipeline, option) if flag in _flags()), None)
 
 
-def command_of(flag: str, pairing: str = "exhaustive") -> str:
-    """Return the COLMAP command that reads a flag, for example ``feature_extractor``."""
+def command_of(pipeline: str, flag: str, pairing: str = "exhaustive") -> str:
+    """Return the COLMAP command of a pipeline that reads a flag, for example ``feature_extractor``."""
     command = _COMMANDS[flag.split(".", 1)[0]]
+    if command == "mapper" and pipeline == "colmap-hierarchical":
+        return "hierarchical_mapper"
     return f"{pairing}_matcher" if command.endswith("_matcher") else command
 
 

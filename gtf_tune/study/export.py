@@ -42,7 +42,7 @@ def colmap_flags(pipeline: str, options: Mapping[str, OptionValue], pairing: str
     for name, value in options.items():
         flag = flag_of(pipeline, name)
         if flag is not None:
-            commands.setdefault(command_of(flag, pairing), []).append(f"--{flag} {_text(value)}")
+            commands.setdefault(command_of(pipeline, flag, pairing), []).append(f"--{flag} {_text(value)}")
     lines = [f"colmap {command} {' '.join(flags)}" for command, flags in sorted(commands.items())]
     lines += [f"# only from pycolmap: {name}={_text(options[name])}" for name in without_flag(pipeline, options)]
     return "\n".join(lines) + "\n"
