@@ -14,6 +14,9 @@ _COLMAP_FORMATS = ("colmap-ini", "colmap-cli")
 _OTHER_FORMATS = ("json", "csv", "tum")
 FORMATS = (*_COLMAP_FORMATS, *_OTHER_FORMATS)
 _COLMAP_PIPELINES = ("glomap", "colmap", "colmap-hierarchical")
+_INI_HEAD = (
+    "# With a project file COLMAP takes paths from it alone: put database_path=, image_path= and output_path= here."
+)
 
 
 def formats_of(pipeline: str) -> tuple[str, ...]:
@@ -22,7 +25,7 @@ def formats_of(pipeline: str) -> tuple[str, ...]:
 
 
 def colmap_ini(pipeline: str, options: Mapping[str, OptionValue]) -> str:
-    """Return a COLMAP project file; what its command line lacks follows as comments."""
+    """Return a COLMAP project file but for its paths; what COLMAP's command line lacks follows as comments."""
     _require_colmap(pipeline)
     sections: dict[str, list[str]] = {}
     for name, value in options.items():
@@ -31,8 +34,8 @@ def colmap_ini(pipeline: str, options: Mapping[str, OptionValue]) -> str:
             section, key = flag.split(".", 1)
             sections.setdefault(section, []).append(f"{key}={_text(value)}")
     blocks = [f"[{section}]\n" + "\n".join(lines) for section, lines in sorted(sections.items())]
-    blocks += [f"; only from pycolmap: {name}={_text(options[name])}" for name in without_flag(pipeline, options)]
-    return "\n".join(blocks) + "\n"
+    blocks += [f"# only from pycolmap: {name}={_text(options[name])}" for name in without_flag(pipeline, options)]
+    return "\n".join([_INI_HEAD, *blocks]) + "\n"
 
 
 def colmap_flags(pipeline: str, options: Mapping[str, OptionValue], pairing: str = "exhaustive") -> str:
