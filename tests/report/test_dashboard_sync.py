@@ -250,3 +250,12 @@ def test_a_confirmed_study_says_so_in_its_note(
     synced.write_study()
 
     assert notes_of_study(own_database).startswith("# Adopt the options of trial 3")
+
+
+@pytest.mark.parametrize(("study", "limit"), [("synthetic", "1"), ("two", "1000000")])
+def test_the_note_of_a_study_names_the_value_from_which_trials_are_infeasible(
+    database: Database, study: str, limit: str
+) -> None:
+    note = notes.study_note(read_search(database, study))
+
+    assert f"A trial with a value of {limit} or more is **infeasible**" in note

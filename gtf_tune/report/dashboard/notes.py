@@ -10,6 +10,7 @@ from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.failures import run_failures
 from gtf_tune.report.tables.points import PointSet, TrialPoint, study_points
 from gtf_tune.report.tables.verdict import study_verdict
+from gtf_tune.study.objective import penalty
 
 KEPT_BELOW = "*gtf-tune keeps everything above this line up to date; what you write below it is kept.*"
 
@@ -108,6 +109,7 @@ def _sequence_table(data: StudyData) -> str:
 def _reading(data: StudyData) -> str:
     gtf, unit = data.definition.gtf, study_points(data).unit
     side = data.definition.side_metric
+    infeasible_from = penalty(gtf, len(data.sequences))
     least, most = gtf.noisy_runs_min, gtf.noisy_runs_max
     noisy = str(least) if least == most else f"{least} to {most}"
     return "\n".join(
@@ -117,8 +119,9 @@ def _reading(data: StudyData) -> str:
             f"stored as a {_stored_unit(data)}.",
             "- **Intermediate values** are the same number, one noise instance after the other.",
             "- **Trial 0** is the nominal setting, and what every improvement is measured against.",
-            "- A trial with a value of 1 or more is **infeasible**: a run failed or registered too few frames; the "
-            "value is a penalty that keeps samplers away. Switch *Log y scale* on, or look at the figures instead.",
+            f"- A trial with a value of {infeasible_from:.7g} or more is **infeasible**: a run failed or "
+            "registered too few frames; the value is a penalty that keeps samplers away. Switch *Log y scale* on, or "
+            "look at the figures instead.",
             f"- `{side.key}` is the error against **ground truth** where there is one ({side.words} "
             f"[{side.unit}]). No part of the search reads it.",
         ]
