@@ -1,6 +1,7 @@
 """Read image files as 8-bit grey, and their sizes without decoding them."""
 
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -15,6 +16,8 @@ IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".t
 _HEADER_BYTES = 1 << 16
 _TAIL_BYTES = 1 << 16
 _UINT8_STEP = 257
+_JPEG_SCAN = 0xDA
+_JPEG_END = b"\xff\xd9"
 
 
 def is_image(path: Path) -> bool:
@@ -35,7 +38,7 @@ def read_grey(path: Path) -> GreyImage:
         The file is missing, empty, damaged, not an image, or neither 8 nor 16 bits deep.
     """
     data = _read_bytes(path)
-    _check_complete(path, data[-_TAIL_BYTES:], data[:4])
+    _check_complete(path, data[:4], data[-_TAIL_BYTES:])
     pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise SequenceError(f"{path}: cannot be decoded as an image; replace the file or leave the frame out")
@@ -58,7 +61,7 @@ def image_size(path: Path) -> tuple[int, int]:
     except OSError as error:
         raise _unreadable(path, error) from error
     _check_not_empty(path, head)
-    _check_complete(path, tail, head[:4])
+    _check_complete(path, head[:4], tail)
     size = _size_from_header(head) or tuple(read_grey(path).shape[::-1])
     if min(size) < 1:
         raise SequenceError(f"{path}: the image has no pixels ({size[0]}x{size[1]}); leave the frame out")
@@ -88,11 +91,18 @@ def _check_not_empty(path: Path, data: bytes) -> None:
         raise SequenceError(f"{path}: the image file is empty; replace the file or leave the frame out")
 
 
-def _check_complete(path: Path, tail: bytes, magic: bytes) -> None:
+def _check_complete(path: Path, magic: bytes, tail: bytes) -> None:
     """Find cut-off files: libjpeg fills what is missing with grey and reports success."""
-    end = {b"\x89PNG": b"IEND", b"\xff\xd8\xff": b"\xff\xd9"}.get(magic if magic == b"\x89PNG" else magic[:3], b"")
-    if end not in tail:
+    is_jpeg = magic.startswith(b"\xff\xd8\xff")
+    end = _JPEG_END if is_jpeg else b"IEND" if magic == b"\x89PNG" else b""
+    if end not in tail and not (is_jpeg and _ends_before_more(_read_bytes(path))):
         raise SequenceError(f"{path}: the image file is cut off; replace the file or leave the frame out")
+
+
+def _ends_before_more(data: bytes) -> bool:
+    """Tell whether a JPEG image is whole and other data follow it, as phones append the film of a motion photo."""
+    scan = next((at for marker, at in _jpeg_segments(data) if marker == _JPEG_SCAN), len(data))
+    return _JPEG_END in data[scan:]
 
 
 def _to_grey(path: Path, pixels: NDArray[np.generic]) -> GreyImage:
@@ -119,12 +129,19 @@ def _size_from_header(head: bytes) -> tuple[int, int] | None:
 
 
 def _jpeg_size(head: bytes) -> tuple[int, int] | None:
-    """Walk the segments up to the frame header (SOF0..SOF15 without DHT, JPG and DAC)."""
-    at = 2
-    while at + 9 <= len(head) and head[at] == 0xFF:
-        marker = head[at + 1]
+    """Read the frame header (SOF0..SOF15 without DHT, JPG and DAC)."""
+    for marker, at in _jpeg_segments(head):
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack(">HH", head[at + 5 : at + 9])
             return width, height
-        at += 1 if marker == 0xFF else 2 + int(struct.unpack(">H", head[at + 2 : at + 4])[0])
     return None
+
+
+def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
+    """Yield the marker of each segment and where it begins, up to the first scan."""
+    at, marker = 2, 0
+    while at + 9 <= len(data) and data[at] == 0xFF and marker != _JPEG_SCAN:
+        marker = data[at + 1]
+        if marker != 0xFF:  # more of them may stand before a marker
+            yield marker, at
+        at += 1 if marker == 0xFF else 2 + int(struct.unpack(">H", data[at + 2 : at + 4])[0])

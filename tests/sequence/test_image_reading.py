@@ -57,6 +57,25 @@ def test_exif_orientation_is_ignored(tmp_path):
     assert read_grey(path).shape == (48, 64)
 
 
+def test_a_film_behind_a_photograph_is_skipped(tmp_path):
+    path = tmp_path / "motion.jpg"
+    cv2.imwrite(str(path), RAMP)
+    path.write_bytes(path.read_bytes() + bytes(1 << 17))
+
+    assert image_size(path) == (64, 48)
+    np.testing.assert_allclose(read_grey(path), RAMP, atol=4)
+
+
+def test_the_end_of_a_thumbnail_is_not_taken_for_that_of_its_image(tmp_path):
+    path = tmp_path / "cut.jpg"
+    cv2.imwrite(str(path), np.random.default_rng(0).integers(0, 255, (512, 512), np.uint8))
+    thumbnail = b"\xff\xe1\x00\x06ab\xff\xd9"
+    path.write_bytes(b"\xff\xd8" + thumbnail + path.read_bytes()[2 : 1 << 17])
+
+    with pytest.raises(SequenceError, match="cut off"):
+        image_size(path)
+
+
 @pytest.mark.parametrize("suffix", ["png", "jpg", "bmp", "tif", "pgm"])
 def test_cut_off_files_are_named(tmp_path, suffix):
     path = tmp_path / f"cut.{suffix}"
