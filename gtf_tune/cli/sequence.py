@@ -1,5 +1,6 @@
 """Check data sets, take frames out of videos, render a scene."""
 
+import shlex
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -40,6 +41,7 @@ def inspect(
     Example: gtf-tune sequence inspect images/
     """
     from gtf_tune.cli.values import parse_frames
+    from gtf_tune.definition.model import name_from
     from gtf_tune.sequence import FEWEST_FRAMES, inspect_sequence, load_sequence
 
     report = inspect_sequence(load_sequence(path, layout=layout, selection=parse_frames(frames)))
@@ -53,7 +55,9 @@ def inspect(
     for warning in report.warnings:
         write_line(f"warning: {warning}")
     if report.frames >= FEWEST_FRAMES:
-        say(f"Next: gtf-tune study create {report.name} --sequence {path} --range {_FIRST_RANGE}")
+        chosen = [word for one in frames or [] for word in ("--frames", one)]
+        words = ["create", name_from(report.name), "--sequence", str(path), *chosen, "--range", _FIRST_RANGE]
+        say(f"Next: gtf-tune study {shlex.join(words)}")
 
 
 @app.command("layouts")
@@ -84,7 +88,7 @@ def extract(
 
     extract_video(video, folder, Extraction(rate_hz=rate_hz, choice=choice.value, max_frames=max_frames))
     say(f"wrote frames to {folder}")
-    say(f"Next: gtf-tune sequence inspect {folder}")
+    say(f"Next: gtf-tune sequence inspect {shlex.quote(str(folder))}")
 
 
 @app.command("render")
@@ -101,7 +105,7 @@ def render(
 
     render_room(folder, RoomSpec(num_frames=frames, seed=seed))
     say(f"rendered {frames} frames into {folder}")
-    say(f"Next: gtf-tune sequence inspect {folder}")
+    say(f"Next: gtf-tune sequence inspect {shlex.quote(str(folder))}")
 
 
 def _described(report: "SequenceReport") -> dict[str, str]:

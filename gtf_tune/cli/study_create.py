@@ -109,8 +109,12 @@ def _add_pipeline(data: dict[str, Any], name: str | None, options: dict[str, Any
 
 
 def _add_sequences(data: dict[str, Any], folders: list[Path] | None) -> None:
+    from gtf_tune.definition.model import name_from
+
     if folders:
-        data["sequences"] = [{"name": path.absolute().name, "path": str(path.absolute())} for path in folders]
+        data["sequences"] = [
+            {"name": name_from(path.absolute().name), "path": str(path.absolute())} for path in folders
+        ]
 
 
 def _runs(text: str | None) -> Any:

@@ -16,6 +16,7 @@ DEFAULT_TRIALS = 50
 """Budget of a search that is not a grid and does not say otherwise."""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 class PipelineDefinition(Section):
@@ -141,3 +142,8 @@ def check_name(name: str) -> str:
     if not _NAME.fullmatch(name):
         raise ValueError(f"should be 1 to 100 letters, digits, '.', '_' or '-', not {name!r}")
     return name
+
+
+def name_from(folder: str) -> str:
+    """Return a name for a study or a sequence that is as much like that of a folder as names may be."""
+    return folder if _NAME.fullmatch(folder) else _NOT_IN_NAMES.sub("-", folder).strip("-._")[:100] or "images"

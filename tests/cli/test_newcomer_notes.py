@@ -1,6 +1,7 @@
 import contextlib
 import csv
 import json
+import shlex
 import sqlite3
 from pathlib import Path
 
@@ -150,3 +151,13 @@ def test_a_study_that_has_not_begun_is_suggested_to_be_run(cli: Cli, room: Path)
     assert paused.err.endswith("Next: gtf-tune study resume small\n")
     assert done.err.endswith("Next: gtf-tune study best small\n")
     assert "spared" in done.out
+
+
+def test_what_follows_the_inspection_of_a_folder_of_any_name_can_be_called(cli: Cli, room: Path) -> None:
+    room.rename(room.with_name("my photos é"))
+    said = cli("sequence", "inspect", "my photos é", "--frames", "max_frames=6").err
+    words = shlex.split(said.partition("Next: gtf-tune ")[2])
+
+    assert cli(*words).code == 0
+    assert words[:3] == ["study", "create", "my-photos"]
+    assert "max_frames=6" in words

@@ -1,5 +1,6 @@
 """Find the layout of a data set."""
 
+import shlex
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -64,10 +65,8 @@ def find_layout(root: Path, name: str = AUTO) -> Layout:
     except OSError as error:
         raise SequenceError(f"{root}: cannot look into the folder ({error.strerror}); check its permissions") from error
     if found is None and root.suffix.lower() in _VIDEO_SUFFIXES:
-        raise SequenceError(
-            f"{root}: this is a video; take its frames out first with: gtf-tune sequence extract {root.name} "
-            f"{root.stem}/ --rate-hz 3, and give that folder"
-        )
+        extract = shlex.join(["gtf-tune", "sequence", "extract", root.name, f"{root.stem}/", "--rate-hz", "3"])
+        raise SequenceError(f"{root}: this is a video; take its frames out first with: {extract}, and give that folder")
     if found is None:
         raise SequenceError(
             f"{root}: found neither images nor a known layout ({', '.join(layout_names())}); give the folder that "
