@@ -28,6 +28,13 @@ def test_images_and_timestamps_come_from_the_list(recording):
     assert sequence.has_timestamps
 
 
+def test_the_mark_that_some_editors_put_before_a_text_is_skipped(recording):
+    text = (recording / "rgb.txt").read_text()
+    (recording / "rgb.txt").write_text(text, encoding="utf-8-sig")
+
+    assert len(load_sequence(recording)) == 5
+
+
 def test_poses_go_to_the_frames_within_20_milliseconds(recording):
     truth = load_sequence(recording).ground_truth
 

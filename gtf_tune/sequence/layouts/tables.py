@@ -12,7 +12,7 @@ from gtf_tune.errors import SequenceError
 def read_text(path: Path) -> str:
     """Return the text of a file, or raise `SequenceError` that names it."""
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise SequenceError(f"{path}: cannot read the file ({error.strerror}); check the path") from error
     except UnicodeDecodeError as error:
