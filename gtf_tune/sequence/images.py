@@ -12,6 +12,8 @@ from gtf_tune.errors import SequenceError
 from gtf_tune.perturbation import GreyImage
 
 IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff"})
+IMAGE_KINDS = ", ".join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
+"""The formats that are read, for messages."""
 
 _HEADER_BYTES = 1 << 16
 _TAIL_BYTES = 1 << 16

@@ -6,9 +6,11 @@ from pathlib import Path
 from natsort import natsorted
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.images import IMAGE_SUFFIXES, is_image
+from gtf_tune.sequence.images import IMAGE_KINDS, is_image
 from gtf_tune.sequence.layouts.base import Layout, Recording
 from gtf_tune.sequence.value import Frame
+
+_UNREAD_SUFFIXES = frozenset({".avif", ".heic", ".heif", ".jxl", ".webp"})
 
 
 def list_images(folder: Path, pattern: str = "*") -> tuple[Path, ...]:
@@ -18,8 +20,7 @@ def list_images(folder: Path, pattern: str = "*") -> tuple[Path, ...]:
     except OSError as error:
         raise SequenceError(f"{folder}: cannot list the folder ({error.strerror}); check its permissions") from error
     if not found:
-        kinds = ", ".join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
-        raise SequenceError(f"{folder}: found no images '{pattern}' ({kinds}); give the folder that holds them")
+        raise SequenceError(f"{folder}: found no images '{pattern}' ({IMAGE_KINDS}); give the folder that holds them")
     return tuple(natsorted(found, key=lambda path: path.name))
 
 
@@ -33,7 +34,19 @@ def _matches(root: Path) -> bool:
 
 
 def _read(root: Path) -> Recording:
-    return Recording(counted_frames(list_images(root)), has_timestamps=False)
+    images = list_images(root)
+    return Recording(
+        counted_frames(images), has_timestamps=False, notes=_left_out(root, {path.stem for path in images})
+    )
+
+
+def _left_out(root: Path, read: set[str]) -> tuple[str, ...]:
+    """Say which photographs of the folder are in no format that is read, but for those that are there in one too."""
+    others = [path for path in root.iterdir() if path.suffix.lower() in _UNREAD_SUFFIXES and path.stem not in read]
+    if not others:
+        return ()
+    kinds = ", ".join(sorted({path.suffix.lower()[1:] for path in others}))
+    return (f"photographs that are left out because their format is not read: {len(others)} ({kinds}); convert them",)
 
 
 FOLDER = Layout(

@@ -5,6 +5,7 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from gtf_tune.errors import SequenceError
+from gtf_tune.sequence.images import IMAGE_KINDS
 from gtf_tune.sequence.layouts.base import Layout
 from gtf_tune.sequence.layouts.colmap import COLMAP
 from gtf_tune.sequence.layouts.euroc import EUROC
@@ -69,8 +70,8 @@ def find_layout(root: Path, name: str = AUTO) -> Layout:
         raise SequenceError(f"{root}: this is a video; take its frames out first with: {extract}, and give that folder")
     if found is None:
         raise SequenceError(
-            f"{root}: found neither images nor a known layout ({', '.join(layout_names())}); give the folder that "
-            "holds the images, and take frames out of a video with 'gtf-tune sequence extract' first"
+            f"{root}: found neither images ({IMAGE_KINDS}) nor a known layout ({', '.join(layout_names())}); give the "
+            "folder that holds the images, and take frames out of a video with 'gtf-tune sequence extract' first"
         )
     return found
 
