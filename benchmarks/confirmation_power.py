@@ -92,6 +92,7 @@ def _score(matrix: FloatArray) -> GtfScore:
         coverage_noisy=ones[0],
         extents=ones,
         matched=ones.astype(np.int64),
+        num_frames=1,
         collapsed=find_collapsed(matrix),
     )
 

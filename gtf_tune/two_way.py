@@ -25,7 +25,7 @@ COLLAPSE_DEVIATIONS = 3.5
 
 _MAD_TO_DEVIATION = 1.4826
 _FEWEST_FOR_OUTLIERS = 3
-_FEWEST_INSTANCES = 2
+FEWEST_INSTANCES = 2
 
 
 @dataclass(frozen=True)
@@ -102,10 +102,10 @@ def compared_table(a: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]
     far = far_from_median(np.where(failed, np.nan, logarithms.sum(axis=0) / max(len(logarithms), 1)))
     left_out = failed | far
     table = logarithms[:, ~left_out]
-    if not len(table) or table.shape[1] < _FEWEST_INSTANCES:
+    if not len(table) or table.shape[1] < FEWEST_INSTANCES:
         worked = table.shape[1] if len(table) else 0
         raise TrajectoryError(
-            f"expected at least {_FEWEST_INSTANCES} noise instances that worked under both settings, not {worked}; "
+            f"expected at least {FEWEST_INSTANCES} noise instances that worked under both settings, not {worked}; "
             "add noisy runs"
         )
     return table, left_out

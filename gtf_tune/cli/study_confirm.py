@@ -9,7 +9,7 @@ from gtf_tune.cli.console import number, percent, say, write_json, write_line, w
 from gtf_tune.cli.executors import cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
-from gtf_tune.cli.study_notes import suggest_export
+from gtf_tune.cli.study_notes import suggest_export, suggest_working_nominal
 from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE, Places, VersionMismatch, open_for_work, place_folders
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ def confirm(
     from gtf_tune.study.confirm import plan_confirmation
     from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
     from gtf_tune.study.stop import StopRequest, signals_to
+    from gtf_tune.study.verdicts import NO_VERDICT
 
     database = open_storage(storage)
     study = open_for_work(database, name, sequence, allow_version_mismatch)
@@ -59,7 +60,10 @@ def confirm(
         write_json(found.result)
         return
     _write(found)
-    suggest_export(database, name, study.definition.pipeline.name)
+    if found.verdict == NO_VERDICT:
+        suggest_working_nominal(name, storage_flag(database))
+    else:
+        suggest_export(database, name, study.definition.pipeline.name)
 
 
 class _Lines:

@@ -61,6 +61,14 @@ def suggest_export(database: "Database", name: str, pipeline: str) -> None:
     say(f"Next: gtf-tune study export {name} --format {formats_of(pipeline)[0]}{storage_flag(database)}")
 
 
+def suggest_working_nominal(name: str, flag: str) -> None:
+    """Say on stderr what to do where nominal did not work in a confirmation, so that nothing compares with it."""
+    say(
+        "nominal did not work on fresh noise, so there is nothing to compare with: create a study whose nominal "
+        f"options (--option) work. Next: gtf-tune study report {name}{flag}"
+    )
+
+
 def suggest_outcome(database: "Database", name: str) -> None:
     """Say on stderr how to see the setting to use, or, where no trial is feasible, what became of the trials."""
     from gtf_tune.store import studies, trials

@@ -36,6 +36,8 @@ class GtfScore:
         pair failed.
     matched
         (k, k_delta): number of matched frames.
+    num_frames
+        Frames of the sequence.
     collapsed
         (k_delta,): noisy runs whose reconstruction fell apart, see `find_collapsed`.
     """
@@ -49,6 +51,7 @@ class GtfScore:
     coverage_noisy: FloatArray
     extents: FloatArray
     matched: IntArray
+    num_frames: int
     collapsed: BoolArray
     settings: GtfSettings = field(default_factory=GtfSettings)
 
@@ -57,6 +60,17 @@ class GtfScore:
         """Return the mean extent of the pairs, in the unit of the clean trajectories; NaN when no pair was measured."""
         known = self.extents[~np.isnan(self.extents)]
         return float(known.mean()) if known.size else float("nan")
+
+    @property
+    def shorter(self) -> IntArray:
+        """Return the frames that the shorter run of each pair registered, (k, k_delta)."""
+        frames = self.num_frames * np.minimum.outer(self.coverage_clean, self.coverage_noisy)
+        return np.asarray(np.rint(frames), dtype=np.int64)
+
+    @property
+    def common_shares(self) -> FloatArray:
+        """Return matched frames as a share of those of the shorter run, (k, k_delta); 0 where a run has none."""
+        return self.matched / np.maximum(self.shorter, 1)
 
     @property
     def collapse_rate(self) -> float:
@@ -94,6 +108,7 @@ def gtf_score(
         coverage_noisy=_coverage(noisy, num_frames),
         extents=pairs.extents,
         matched=pairs.matched,
+        num_frames=num_frames,
         collapsed=find_collapsed(matrix),
         settings=settings,
     )

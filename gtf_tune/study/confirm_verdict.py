@@ -2,11 +2,11 @@
 
 A candidate is adopted only if all of this holds: it is better over the searched sequences, significantly so after
 correction for the number of candidates (Holm), and by 2 % at the least; no sequence, held out or not, is significantly
-worse; no more runs than under nominal miss the coverage floor; no more noisy runs collapse, by one limit for both
-(`common_collapses`). Where nominal itself does not work there is nothing to compare with, and no verdict. Of several
-such candidates
-the one is adopted whose improvement is surest: its 95 % interval begins highest. A larger improvement with a wide
-interval is more often luck, and runs that scatter more are what nobody wants.
+worse; no more runs than under nominal miss the coverage floor; no more pairs of runs share less than half of their
+frames; no more noisy runs collapse, by one limit for both (`common_collapses`). Where nominal itself does not work
+there is nothing to compare with, and no verdict. Of several such candidates the one is adopted whose improvement is
+surest: its 95 % interval begins highest. A larger improvement with a wide interval is more often luck, and runs that
+scatter more are what nobody wants.
 """
 
 import math
@@ -20,8 +20,9 @@ from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.gtf import GtfScore, PairedDifference, common_collapses, difference_over_sequences, holm
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.study.coverage import CoverageFloor, coverage_floor
+from gtf_tune.study.coverage import LEAST_COMMON, CoverageFloor, coverage_floor
 from gtf_tune.study.verdicts import ADOPT, KEEP, NO_VERDICT
+from gtf_tune.two_way import FEWEST_INSTANCES
 
 SIGNIFICANCE = 0.05
 
@@ -85,9 +86,13 @@ def judge(findings: Findings, gtf: GtfDefinition) -> dict[str, Any]:
 
 
 def _fails(measured: Measured, holdouts: frozenset[str]) -> bool:
-    """Tell whether a setting has no single error on one of the searched sequences."""
-    searched = [score for name, score in measured.scores.items() if name not in holdouts]
-    return any(bool(np.isnan(score.matrix).all()) for score in searched)
+    """Tell whether a setting works under too few noise instances on one of the searched sequences."""
+    return any(count < FEWEST_INSTANCES for name, count in _working(measured).items() if name not in holdouts)
+
+
+def _working(measured: Measured) -> dict[str, int]:
+    """Return under how many noise instances a setting has an error, by sequence."""
+    return {name: int((~np.isnan(score.matrix)).any(axis=0).sum()) for name, score in measured.scores.items()}
 
 
 def _compare(nominal: Measured, candidate: Measured, holdouts: frozenset[str], gtf: GtfDefinition) -> _Compared:
@@ -115,6 +120,12 @@ def _is_worse(found: PairedDifference) -> bool:
 
 def _faults(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinition) -> list[str]:
     found = _lost_frames(name, nominal, candidate, gtf)
+    apart = [int((one.common_shares < LEAST_COMMON).sum()) for one in (nominal, candidate)]
+    if apart[1] > apart[0] and not found:
+        found.append(
+            f"a noisy run on {name} shares {candidate.common_shares.min():.0%} of its frames with a clean one, less "
+            f"than {LEAST_COMMON:.0%}"
+        )
     of_nominal, of_candidate = common_collapses(nominal.matrix, candidate.matrix)
     if of_candidate.sum() > of_nominal.sum():
         found.append(
@@ -150,7 +161,9 @@ def _missing(score: GtfScore, floor: CoverageFloor) -> list[tuple[float, float, 
 def _row(one: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> dict[str, Any]:
     reasons = list(one.faults)
     if one.together is None and _fails(nominal, holdouts):
-        reasons.append("cannot be compared with nominal, none of whose runs worked")
+        name, count = min(_working(nominal).items(), key=lambda item: (item[0] in holdouts, item[1]))
+        of_all = f"{count} of {len(nominal.scores[name].coverage_noisy)} noisy runs on {name}"
+        reasons.append(f"cannot be compared with nominal, which worked in {of_all}")
     elif one.together is None:
         reasons.append("cannot be compared with nominal: too few runs worked under both")
     elif one.together.ratio >= 1 or adjusted >= SIGNIFICANCE:

@@ -7,6 +7,9 @@ import numpy as np
 
 from gtf_tune.alignment import MIN_MATCHED
 
+LEAST_COMMON = 0.5
+"""Part of the frames of the shorter of two runs that both must have registered."""
+
 LOST_BELOW = 0.5
 """Share of the median coverage below which a nominal run has lost the sequence and sets no example."""
 

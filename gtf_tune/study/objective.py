@@ -11,14 +11,11 @@ import numpy as np
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.gtf import GtfScore, GtfSettings, gtf_score
-from gtf_tune.study.coverage import CoverageFloor
-from gtf_tune.trajectory import IntArray, Trajectory
+from gtf_tune.study.coverage import LEAST_COMMON, CoverageFloor
+from gtf_tune.trajectory import Trajectory
 
 _UNBOUNDED_PENALTY = 1e6
 _JUST_VIOLATED = 1e-9
-
-LEAST_COMMON = 0.5
-"""Part of the frames of the shorter of two runs that both must have registered."""
 
 
 @dataclass(frozen=True)
@@ -138,21 +135,16 @@ def score_sequence(
         reason = next(iter(score.pair_errors.values()))
         failing = len(score.pair_errors) / (len(clean) * len(noisy))
         return SequenceScore(score, coverage, failing, reason)
-    common, shorter = _least_common(score.matched, clean, noisy)
-    if common < LEAST_COMMON * shorter:
-        reason = f"a noisy run shares {common} of its frames with a clean one, less than half of {shorter}"
-        return SequenceScore(score, coverage, max(LEAST_COMMON - common / shorter, _JUST_VIOLATED), reason)
+    shares = score.common_shares
+    least = float(shares.min(initial=1.0))
+    if least < LEAST_COMMON:
+        pair = np.unravel_index(int(np.argmin(shares)), shares.shape)
+        reason = (
+            f"a noisy run shares {score.matched[pair]} of its frames with a clean one, less than half of "
+            f"{score.shorter[pair]}"
+        )
+        return SequenceScore(score, coverage, max(LEAST_COMMON - least, _JUST_VIOLATED), reason)
     return SequenceScore(score, coverage, min(missing, 0.0))
-
-
-def _least_common(matched: IntArray, clean: Sequence[FinishedRun], noisy: Sequence[FinishedRun]) -> tuple[int, int]:
-    """Return the pair of runs that shares the smallest part of its frames: these, and the frames of the shorter run."""
-    if not matched.size:
-        return 1, 1
-    lengths = [np.array([len(run.trajectory) for run in runs]) for runs in (clean, noisy)]
-    shorter = np.minimum.outer(*lengths)
-    worst = np.unravel_index(int(np.argmin(matched / shorter)), matched.shape)
-    return int(matched[worst]), int(shorter[worst])
 
 
 def score_trial(

@@ -42,8 +42,10 @@ class Pick:
 
     @property
     def is_nominal(self) -> bool:
-        """Tell whether nothing beats the nominal setting."""
-        return self.best is not None and self.best.ordinal == 0
+        """Tell whether nothing beats the nominal setting; a trial that repeats its options does not."""
+        if self.best is None or self.nominal is None:
+            return False
+        return self.best.ordinal == 0 or self.best.options == self.nominal.options
 
 
 _UNKNOWN = Improvement(math.nan, math.nan, math.nan, 0)

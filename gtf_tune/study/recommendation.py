@@ -9,7 +9,7 @@ from gtf_tune.errors import StorageError
 from gtf_tune.store import confirmations, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.verdicts import ADOPT, KEEP
+from gtf_tune.study.verdicts import ADOPT, KEEP, NO_VERDICT, compared
 
 UNCONFIRMED = "unconfirmed"
 
@@ -18,8 +18,8 @@ UNCONFIRMED = "unconfirmed"
 class Recommendation:
     """Hold the trial to use and the verdict behind it: *adopt*, *keep nominal* or *unconfirmed*.
 
-    ``confirmation`` is the result of the last confirmation, empty where there is none, or where the best trial of today
-    was not among its candidates.
+    ``confirmation`` is the result of the last confirmation, also of one that came to no verdict; empty where there is
+    none, or where the options of the best trial of today were not among those that it compared.
     """
 
     trial: Trial
@@ -49,15 +49,14 @@ def recommend(database: Database, study_id: int, name: str) -> Recommendation:
         raise StorageError(without_feasible_trial(database, name))
     known = confirmations.of_study(database, study_id)
     result = known[-1].result if known else {}
-    confirmed = {0, *(one["ordinal"] for one in result.get("candidates") or ())}
-    if not known or best.ordinal not in confirmed:
+    nominal = trials.get(database, study_id, 0)
+    if not known or not (best.options == nominal.options or compared(result, best.options)):
         return Recommendation(best, UNCONFIRMED, {})
     if known[-1].verdict == ADOPT:
         return Recommendation(trials.get(database, study_id, result["adopted"]), ADOPT, result)
-    nominal = trials.get(database, study_id, 0)
     if known[-1].verdict == KEEP and nominal.feasible:
         return Recommendation(nominal, KEEP, result)
-    return Recommendation(best, UNCONFIRMED, {})
+    return Recommendation(best, UNCONFIRMED, result if known[-1].verdict == NO_VERDICT else {})
 
 
 def without_feasible_trial(database: Database, name: str) -> str:

@@ -54,6 +54,22 @@ def test_best_says_why_nominal_is_kept(tuned: Cli) -> None:
     assert "2 of 10 noisy runs on room collapsed" in " ".join(said.split())
 
 
+def test_best_says_what_to_do_where_nominal_did_not_work(tuned: Cli) -> None:
+    found = json.loads(tuned(*CONFIRM, "--json").out)
+    database = open_database("gtf-tune.db")
+    (candidate,) = found["candidates"]
+    nothing = {**candidate, "verdict": "keep nominal", "improvement": None, "reasons": ["cannot be compared"]}
+    result = {**found, "candidates": [nothing], "adopted": None}
+    confirmations.add(database, studies.get(database, "small").id, {}, result, "none")
+    database.close()
+
+    said = tuned("study", "best", "small")
+
+    assert "unconfirmed" in said.out
+    assert "create a study whose nominal options" in said.err
+    assert "study confirm" not in said.err
+
+
 def test_a_confirmation_as_json_holds_effect_interval_and_p_value(tuned: Cli) -> None:
     (candidate,) = json.loads(tuned(*CONFIRM, "--json").out)["candidates"]
 

@@ -22,6 +22,7 @@ def score_of(matrix: np.ndarray) -> GtfScore:
         coverage_noisy=unused[0],
         extents=unused,
         matched=unused.astype(np.int64),
+        num_frames=1,
         collapsed=find_collapsed(matrix),
     )
 

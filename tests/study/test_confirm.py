@@ -13,6 +13,7 @@ from gtf_tune.study.create import open_study
 from gtf_tune.study.evaluation import Interrupted, RunSlot, RunSource
 from gtf_tune.study.events import Silent
 from gtf_tune.study.opened import OpenStudy
+from gtf_tune.study.picking import pick
 from gtf_tune.study.recommendation import recommend
 from gtf_tune.study.stop import STOP_NOW, StopRequest
 from tests.study.conftest import Runner, definition_of, write_sequence
@@ -162,11 +163,12 @@ def test_a_candidate_that_is_not_confirmed_leaves_nominal_recommended(
 ) -> None:
     run_study(definition_of(room, **GRID))
     study_id = studies.get(database, "small").id
-    result = {"verdict": "keep nominal", "adopted": None, "candidates": [{"ordinal": 1, "verdict": "keep nominal"}]}
-    best = recommend(database, study_id, "small").trial.ordinal
-    result["candidates"][0]["ordinal"] = best
+    best = recommend(database, study_id, "small").trial
+    candidate = {"ordinal": best.ordinal, "options": best.options, "verdict": "keep nominal"}
 
-    confirmations.add(database, study_id, {}, result, "keep nominal")
+    confirmations.add(
+        database, study_id, {}, {"verdict": "keep nominal", "adopted": None, "candidates": [candidate]}, "keep nominal"
+    )
 
     assert recommend(database, study_id, "small").trial.ordinal == 0
 
@@ -176,14 +178,36 @@ def test_a_nominal_that_does_not_work_is_never_recommended(room: Path, database:
     pipeline = {"settings": {"failure": "error", "failure_rate": 0.3, "collapse_rate": 0.0}}
     run_study(definition_of(room, **{**GRID, "pipeline": pipeline, "gtf": {"clean_runs": 1, "noisy_runs": 1}}))
     study_id = studies.get(database, "small").id
-    best = recommend(database, study_id, "small").trial.ordinal
-    result = {"verdict": "keep nominal", "adopted": None, "candidates": [{"ordinal": best, "verdict": "keep nominal"}]}
+    best = recommend(database, study_id, "small").trial
+    candidate = {"ordinal": best.ordinal, "options": best.options, "verdict": "keep nominal"}
+    result = {"verdict": "keep nominal", "adopted": None, "candidates": [candidate]}
 
     confirmations.add(database, study_id, {}, result, "keep nominal")
 
     found = recommend(database, study_id, "small")
     assert not trials.get(database, study_id, 0).feasible
-    assert (found.verdict, found.trial.ordinal) == ("unconfirmed", best)
+    assert (found.verdict, found.trial.ordinal) == ("unconfirmed", best.ordinal)
+
+
+def test_a_luckier_trial_of_a_setting_that_was_compared_is_confirmed_too(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    repeated = {
+        "space": {"filter.max_error": {"values": [0.01, WORSE]}},
+        "gtf": {"noisy_runs": 4, "common_noise": False},
+        "search": {"sampler": "random", "trials": 8},
+    }
+    run_study(definition_of(room, **{**GRID, **repeated}))
+    study_id = studies.get(database, "small").id
+
+    _confirm(database, top=1, noisy_runs=8)
+
+    found, best = recommend(database, study_id, "small"), trials.best(database, study_id)
+    assert best is not None
+    assert best.ordinal
+    assert best.options == found.trial.options == {"filter.max_error": 0.01}
+    assert (found.verdict, found.trial.ordinal) == ("keep nominal", 0)
+    assert pick(database, study_id).is_nominal
 
 
 def test_a_better_trial_after_the_confirmation_is_unconfirmed(
@@ -191,7 +215,8 @@ def test_a_better_trial_after_the_confirmation_is_unconfirmed(
 ) -> None:
     run_study(definition_of(room, **GRID))
     study_id = studies.get(database, "small").id
-    result = {"verdict": "adopt", "adopted": 3, "candidates": [{"ordinal": 3, "verdict": "adopt"}]}
+    worse = {"ordinal": 3, "options": trials.get(database, study_id, 3).options, "verdict": "adopt"}
+    result = {"verdict": "adopt", "adopted": 3, "candidates": [worse]}
 
     confirmations.add(database, study_id, {}, result, "adopt")
 

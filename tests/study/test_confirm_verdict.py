@@ -28,6 +28,7 @@ def score(size: float, *, seed: int = 0, spread: float = 0.05, collapsed: int = 
         coverage_noisy=np.full(NOISY, coverage),
         extents=np.ones((2, NOISY)),
         matched=np.full((2, NOISY), 50),
+        num_frames=50,
         collapsed=flags,
     )
 
@@ -154,6 +155,30 @@ def test_a_nominal_that_never_works_cannot_be_compared_with() -> None:
 
     assert (result["verdict"], result["adopted"]) == ("none", None)
     assert "cannot be compared with nominal" in result["candidates"][0]["reasons"][0]
+
+
+def test_a_nominal_that_works_once_cannot_be_compared_with_either() -> None:
+    mostly_failed = score(1.0)
+    mostly_failed.matrix[:, 1:] = np.nan
+
+    result = judge(findings({"a": score(0.5)}, nominal={"a": mostly_failed}), GTF)
+
+    assert (result["verdict"], result["adopted"]) == ("none", None)
+    assert result["candidates"][0]["reasons"] == [
+        f"cannot be compared with nominal, which worked in 1 of {NOISY} noisy runs on a"
+    ]
+
+
+def test_runs_that_share_few_frames_prevent_an_adoption() -> None:
+    candidate = score(0.5, seed=1, coverage=0.8)
+    candidate.matched[0, 3] = 15
+
+    result = judge(findings({"a": candidate}, nominal={"a": score(1.0, coverage=0.8)}), GTF)
+
+    assert result["verdict"] == "keep nominal"
+    assert result["candidates"][0]["reasons"] == [
+        "a noisy run on a shares 38% of its frames with a clean one, less than 50%"
+    ]
 
 
 def test_one_failed_run_of_nominal_does_not_open_the_door_to_settings_that_drop_frames() -> None:

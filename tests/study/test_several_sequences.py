@@ -26,6 +26,7 @@ def scored(value: float, relative_error: float = 0.1) -> SequenceScore:
         coverage_noisy=np.ones(3),
         extents=np.ones((2, 3)),
         matched=np.full((2, 3), 50),
+        num_frames=50,
         collapsed=np.zeros(3, dtype=bool),
     )
     return SequenceScore(score, coverage=1.0, violation=-0.05)

@@ -10,7 +10,7 @@ from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.options import options_at_an_edge
 from gtf_tune.report.tables.points import TrialPoint, study_points
 from gtf_tune.study.picking import Improvement, improvement
-from gtf_tune.study.verdicts import ADOPT, KEEP
+from gtf_tune.study.verdicts import ADOPT, KEEP, compared
 
 VerdictKind = Literal["adopt", "keep", "unconfirmed", "none"]
 
@@ -71,14 +71,15 @@ def study_verdict(data: StudyData) -> Verdict:
         return Verdict("none", None)
     found = confirmed_candidates(data)
     best = data.best.ordinal
-    if data.confirmations and best in {0, *(one.ordinal for one in found)}:
+    repeats_nominal = data.nominal is not None and data.best.options == data.nominal.options
+    if data.confirmations and (repeats_nominal or compared(data.confirmations[-1].result, data.best.options)):
         chosen = data.confirmations[-1].result.get("adopted")
         adopted = next((one for one in found if one.ordinal == chosen), None)
         if adopted is not None:
             return _about(data, "adopt", adopted.ordinal, adopted.improvement, found)
         if data.confirmations[-1].verdict == KEEP and data.nominal is not None:
             return _about(data, "keep", 0, _UNKNOWN, found)
-    if best == 0:
+    if best == 0 or repeats_nominal:
         return _about(data, "none", 0)
     return _about(data, "unconfirmed", best, _searched_improvement(data, best))
 
