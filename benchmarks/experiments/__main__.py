@@ -122,12 +122,15 @@ def _read_all(
     truths: Mapping[str, Trajectory],
     planned: Sequence[Experiment],
 ) -> list[Outcome]:
-    """Return finished experiments from the database, else from the results that are written already."""
+    """Return finished experiments from the database, else from the results that are written already.
+
+    Those whose nominal setting does not work are left out: there is nothing to compare with.
+    """
     found = [
         _known(read_outcome(database, one, truths.get(one.sequence)), _stored(stored, one), one.sequence in truths)
         for one in planned
     ]
-    return [one for one in found if one is not None]
+    return [one for one in found if one is not None and one.works]
 
 
 def _known(fresh: Outcome | None, earlier: Outcome | None, judged: bool) -> Outcome | None:

@@ -92,7 +92,7 @@ def read_joint(database: Database, sequence: str) -> Joint | None:
     truth = {key: found[0].ate for key, found in stored.items() if found and found[0].ate is not None}
     best = trials.best(database, study.id)
     feasible = [one.ordinal for one in known if one.feasible and one.ordinal in truth]
-    if best is None or 0 not in truth:
+    if best is None or not {0, best.ordinal} <= truth.keys():
         return None
     confirmed = confirmations.of_study(database, study.id)
     adopted = (confirmed[-1].result["adopted"] or 0) if confirmed else None
@@ -116,6 +116,6 @@ def sweeps_of(sequence: str, outcomes: Sequence[Outcome]) -> list[tuple[Experime
     for one in outcomes:
         if one.experiment.sequence == sequence and one.experiment.option.short in OPTIONS:
             pick = one.agreement(PREDICTORS[AGGREGATE]).pick
-            runs = sum(sum(setting.matrix.shape) for setting in one.settings)
+            runs = len(one.settings) * sum(one.nominal.matrix.shape)
             found.append((one.experiment, runs, one.change(pick)))
     return found

@@ -10,7 +10,7 @@ from benchmarks.experiments import tables, text
 from benchmarks.experiments.figures import FOLDER, write_figures
 from benchmarks.experiments.findings import AIM, WORTH_FINDING, Findings, share_of_oracle, share_of_verdicts
 from benchmarks.experiments.numbers import known, part, percent
-from benchmarks.experiments.plan import FRAMES
+from benchmarks.experiments.plan import CONFIRMATION_RUNS, FRAMES, TOP
 from benchmarks.experiments.settings import PREDICTORS, Outcome
 from benchmarks.experiments.several import several_table
 from benchmarks.experiments.unseen import unseen_table
@@ -71,7 +71,8 @@ def _introduction(findings: Findings) -> str:
         "",
         "Written by `make experiments`; every number comes from the runs. True errors are against ground truth, which "
         "neither search nor confirmation sees. GLOMAP (pycolmap), intrinsics known and fixed, one thread a run, two "
-        "clean and six noisy runs a setting unless said otherwise, one option at a time. "
+        "clean and six noisy runs a setting unless said otherwise, one option at a time, confirmations with "
+        f"{CONFIRMATION_RUNS} fresh noisy runs of nominal and the best {TOP} settings. "
         f"{_frames()}",
         "",
         f"* Measured: {len(outcomes)} grids of table 2, {len(findings.many)} with many noisy runs, "
@@ -93,7 +94,7 @@ def _introduction(findings: Findings) -> str:
             f"* Of the {count} of these grids that are confirmed, what the confirmation took reaches {reached:.0%}."
         )
     if missing:
-        lines.append(f"* Not measured yet: {', '.join(missing)}.")
+        lines.append(f"* Not measured yet, or without a nominal setting that works: {', '.join(missing)}.")
     return "\n".join(lines)
 
 

@@ -99,6 +99,11 @@ class Outcome:
         return [one for one in self.settings if one.feasible and math.isfinite(one.true_ate)]
 
     @property
+    def works(self) -> bool:
+        """Tell whether nominal is feasible and its true error is known: all others are judged against it."""
+        return self.nominal in self.feasible
+
+    @property
     def oracle(self) -> Setting:
         return min(self.feasible, key=lambda one: one.true_ate)
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy import stats
 
 from benchmarks.experiments.findings import share_of_oracle
 from benchmarks.experiments.joint import Joint, sweeps_of
@@ -120,7 +121,8 @@ def shortfall_table(outcomes: Sequence[Outcome]) -> Table:
         sound = ~(find_collapsed(oracle.matrix) | find_collapsed(pick.matrix))
         logs = np.log(oracle.matrix / pick.matrix).mean(axis=0)[sound]
         gap, spread = float(logs.mean()), float(logs.std(ddof=1))
-        certain = abs(gap) > 2.0 * spread / math.sqrt(len(logs))
+        half = float(stats.t.ppf(0.975, len(logs) - 1)) * spread / math.sqrt(len(logs))
+        certain = abs(gap) > half
         needed = f"about {math.ceil((2.8 * spread / max(abs(gap), 1e-9)) ** 2)}"
         if certain:
             needed = "more do not help" if gap > 0 else "enough, compared in pairs"
@@ -130,7 +132,7 @@ def shortfall_table(outcomes: Sequence[Outcome]) -> Table:
                 f"{one.sequence} {one.option.short}",
                 f"{pick.value:g}: {percent(outcome.change(pick))}",
                 f"{oracle.value:g}: {percent(outcome.change(oracle))}",
-                f"{percent(math.exp(gap) - 1)} +- {spread / math.sqrt(len(logs)):.0%}",
+                f"{percent(math.exp(gap) - 1)} +- {half:.0%}",
                 f"{oracle.collapsed:.0%}",
                 needed,
             ]

@@ -2,7 +2,7 @@
 
 from types import MappingProxyType
 
-from benchmarks.experiments import several
+from benchmarks.experiments import joint, ladder, several
 from benchmarks.experiments.ablation import WITHOUT_SUCCESSOR
 from benchmarks.experiments.findings import WORTH_FINDING
 from benchmarks.experiments.plan import AGGREGATE
@@ -44,9 +44,10 @@ PREDICTORS = (
 )
 SHORTFALL = (
     f"Experiments whose pick (aggregate `{AGGREGATE}`) misses the oracle by more than 1 % of the true ATE. The gap "
-    "compares the scores of both settings, paired by noise instance, without collapsed ones. Where it is certain, more "
-    "noisy runs do not help: the score prefers another setting than the truth does. Otherwise the last column says how "
-    "many would settle which of the two the score prefers (power 80 %)."
+    "compares the scores of both settings, paired by noise instance, without collapsed ones; +- is half its 95 % "
+    "interval. Where it is certain and positive, more noisy runs do not help: the score prefers another setting than "
+    "the truth does. Where it is certain and negative, pairs find what the aggregate missed. Otherwise the last column "
+    "says how many runs would settle which of the two the score prefers (power 80 %)."
 )
 UNSEEN = (
     "Ground truth judges clean runs above, and those are one draw: where settings are near, the same settings rank "
@@ -59,8 +60,9 @@ UNSEEN = (
     f"row averages shares over grids where hindsight gains more than {WORTH_FINDING:.0%}, a loss as -100 % at the most."
 )
 JOINT = (
-    "One search over the five options of table 2 by the sampler that is named, beside the five sweeps of one "
-    "option. Someone who does not know which option matters pays for all five sweeps."
+    f"One search over the five options of table 2 by the sampler that is named, {joint.CLEAN} clean and {joint.NOISY} "
+    "noisy runs a trial, beside the five sweeps of one option. Someone who does not know which option matters pays for "
+    "all five sweeps."
 )
 SEVERAL = (
     f"One search over `{several.OPTION.name}` for {', '.join(several.SEARCHED)} together; {several.HELD_OUT} is held "
@@ -73,8 +75,9 @@ K_DELTA = (
     "(the paper shows 1 to 60)."
 )
 LADDER = (
-    "Nominal setting over noise levels; level 0 is clean runs against other clean runs. Where the response per grey "
-    "level is constant the pipeline is linear (the paper's assumption); `gtf-tune noise` measures this on any sequence."
+    f"Nominal setting over noise levels, {ladder.RUNS} noisy runs each; level 0 is clean against other clean runs. "
+    "Where the response per grey level is constant the pipeline is linear (the paper's assumption); `gtf-tune noise` "
+    "measures this on any sequence."
 )
 ABLATION = (
     "The paper's 26 options, as far as COLMAP 4 still has them, each at a stricter and a laxer value "
