@@ -109,12 +109,29 @@ def _add_pipeline(data: dict[str, Any], name: str | None, options: dict[str, Any
 
 
 def _add_sequences(data: dict[str, Any], folders: list[Path] | None) -> None:
+    if folders:
+        paths = [path.absolute() for path in folders]
+        named = zip(_distinct_names(paths), paths, strict=True)
+        data["sequences"] = [{"name": name, "path": str(path)} for name, path in named]
+
+
+def _distinct_names(paths: list[Path]) -> list[str]:
+    """Return the name of each folder, after those of as many folders above it as it takes to tell it from the others.
+
+    What is the same up to the root keeps one name.
+    """
     from gtf_tune.definition.model import name_from
 
-    if folders:
-        data["sequences"] = [
-            {"name": name_from(path.absolute().name), "path": str(path.absolute())} for path in folders
+    depths = [1] * len(paths)
+    while True:
+        names = [name_from("-".join(path.parts[-depth:])) for path, depth in zip(paths, depths, strict=True)]
+        deeper = [
+            depth + (names.count(name) > 1 and depth < len(path.parts) - 1)
+            for name, path, depth in zip(names, paths, depths, strict=True)
         ]
+        if deeper == depths:
+            return names
+        depths = deeper
 
 
 def _runs(text: str | None) -> Any:

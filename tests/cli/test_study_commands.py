@@ -1,6 +1,7 @@
 import contextlib
 import json
 import re
+import shutil
 import sqlite3
 from pathlib import Path
 
@@ -172,3 +173,15 @@ def test_nothing_is_compared_with_an_infeasible_nominal_trial(cli: Cli, room: Pa
         assert " %)" not in said
     assert (listed["nominal_value"], listed["best_value"] > 0) == (None, True)
     assert row.split()[2:4] == ["3/3", "-"]
+
+
+def test_folders_of_one_name_are_told_apart_by_those_above_them(cli: Cli, room: Path, tmp_path: Path) -> None:
+    folders = ("first/walk/images", "second/walk/images", "first/run/images")
+    for folder in folders:
+        shutil.copytree(room, tmp_path / folder)
+    flags = [word for folder in (*folders, "room") for word in ("-s", folder)]
+
+    cli("study", "create", "small", "-p", "analytic", *flags, *AXIS)
+
+    stored = json.loads(cli("study", "show", "small", "--json").out)["definition"]["sequences"]
+    assert [one["name"] for one in stored] == ["first-walk-images", "second-walk-images", "run-images", "room"]
