@@ -136,11 +136,10 @@ class LocalExecutor:
     def _start(self, item: _Item) -> None:
         if item.paths is None and not item.future.set_running_or_notify_cancel():
             return
-        item.paths = self._scratch.paths(item.request.key[:12])
-        item.paths.create()
         item.tries += 1
         self._running.append(item)
         try:
+            item.paths = self._scratch.paths(item.request.key[:12])
             started = self._schedule(item)
         except StorageError as error:
             started = Future()

@@ -69,13 +69,22 @@ class Scratch:
                 self._lock: IO[bytes] = (self.folder / _OWNER_LOCK).open("wb")
                 fcntl.flock(self._lock, fcntl.LOCK_EX)
         except OSError as error:
-            raise StorageError(
-                f"cannot write below {root} ({error.strerror}); choose another place with --cache-dir"
-            ) from error
+            raise _unwritable(root, error) from error
 
     def paths(self, name: str) -> RunPaths:
-        """Return the paths of a new run."""
-        return RunPaths(Path(tempfile.mkdtemp(prefix=f"{name}-", dir=self.folder)))
+        """Return the paths of a new run, whose folders are there.
+
+        Raises
+        ------
+        StorageError
+            They cannot be made.
+        """
+        try:
+            paths = RunPaths(Path(tempfile.mkdtemp(prefix=f"{name}-", dir=self.folder)))
+            paths.create()
+        except OSError as error:
+            raise _unwritable(self.folder, error) from error
+        return paths
 
     def close(self) -> None:
         """Delete the folder."""
@@ -87,6 +96,10 @@ def default_cache_folder() -> Path:
     """Return the folder of the stage cache: ``GTF_TUNE_CACHE_DIR``, else the platform's place for caches."""
     chosen = os.environ.get("GTF_TUNE_CACHE_DIR")
     return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("gtf-tune"))
+
+
+def _unwritable(folder: Path, error: OSError) -> StorageError:
+    return StorageError(f"cannot write below {folder} ({error.strerror}); choose another place with --cache-dir")
 
 
 def _remove_abandoned(root: Path) -> None:

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from multiprocessing import resource_tracker
 from pathlib import Path
 
+from gtf_tune.errors import StorageError
+
 _WARDEN = Path(__file__).with_name("warden.py")
 _KIB = 1024
 
@@ -71,11 +73,20 @@ def _set_warden() -> None:
 
 @contextlib.contextmanager
 def output_to(path: Path) -> Iterator[None]:
-    """Send everything that the process writes to stdout and stderr, C++ libraries included, to a file."""
+    """Send everything that the process writes to stdout and stderr, C++ libraries included, to a file.
+
+    Raises
+    ------
+    StorageError
+        The file cannot be written.
+    """
+    try:
+        file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    except OSError as error:
+        raise StorageError(f"cannot write {path} ({error.strerror}); choose another place with --cache-dir") from error
     sys.stdout.flush()
     sys.stderr.flush()
     saved = [os.dup(1), os.dup(2)]
-    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     try:
         os.dup2(file, 1)
         os.dup2(file, 2)

@@ -1,3 +1,4 @@
+import shutil
 import signal
 import subprocess
 import sys
@@ -183,6 +184,16 @@ def test_a_place_that_cannot_be_written_to_is_one_sentence(tmp_path: Path) -> No
 
     with pytest.raises(StorageError, match="choose another place with --cache-dir"):
         LocalExecutor(scratch=tmp_path / "file" / "scratch")
+
+
+def test_runs_end_with_one_sentence_where_their_folder_is_taken_away(tmp_path: Path) -> None:
+    with LocalExecutor(jobs=1, scratch=tmp_path / "scratch") as executor:
+        futures = [executor.submit(request_of(analytic(), index), LIMITS) for index in range(3)]
+        shutil.rmtree(executor._scratch.folder)
+
+        for future in futures:
+            with pytest.raises(StorageError, match="choose another place with --cache-dir"):
+                future.result(timeout=WAIT_S)
 
 
 class ForgetfulPool:
