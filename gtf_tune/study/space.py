@@ -1,7 +1,9 @@
 """Turn the axes of a definition into Optuna distributions, grid points and checked values."""
 
+import contextlib
 import itertools
 import math
+import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -11,6 +13,8 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 from gtf_tune.definition import Axis, RangeAxis, StudyDefinition, ValuesAxis
 from gtf_tune.errors import DefinitionError, GtfTuneError
 from gtf_tune.pipelines import OptionSpec, OptionTable, OptionValue
+
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,8 @@ class SearchSpace:
 
     def suggest(self, trial: Trial) -> dict[str, OptionValue]:
         """Let the sampler choose a value for every axis."""
-        return {axis.name: _suggest(trial, axis) for axis in self.axes}
+        with _steps_unmentioned():
+            return {axis.name: _suggest(trial, axis) for axis in self.axes}
 
 
 def build_space(definition: StudyDefinition, table: OptionTable) -> SearchSpace:
@@ -92,6 +97,13 @@ def _check_axis(table: OptionTable, name: str, axis: Axis) -> None:
             f"the range of '{name}' [{axis.low:g}, {axis.high:g}] leaves out the pipeline's default {spec.default:g}, "
             "which trial 0 measures every improvement against; widen the range"
         )
+    if axis.step is not None and spec.kind == "int" and axis.step != int(axis.step):
+        raise DefinitionError(f"option '{name}' takes whole numbers; its step cannot be {axis.step:g}")
+    if axis.step is not None and axis.step * (1 - _ROUNDING) > axis.high - axis.low:
+        raise DefinitionError(
+            f"the range of '{name}' [{axis.low:g}, {axis.high:g}] has no room for a step of {axis.step:g}; give a "
+            "smaller one"
+        )
 
 
 def _build_axis(spec: OptionSpec, axis: Axis, exhaustive: bool) -> SearchAxis:
@@ -106,16 +118,25 @@ def _build_axis(spec: OptionSpec, axis: Axis, exhaustive: bool) -> SearchAxis:
 
 def _range_axis(spec: OptionSpec, axis: RangeAxis) -> SearchAxis:
     distribution: BaseDistribution
-    if spec.kind == "int":
-        distribution = IntDistribution(int(axis.low), int(axis.high), log=axis.log, step=int(axis.step or 1))
-    else:
-        distribution = FloatDistribution(axis.low, axis.high, log=axis.log, step=axis.step)
+    with _steps_unmentioned():
+        if spec.kind == "int":
+            distribution = IntDistribution(int(axis.low), int(axis.high), log=axis.log, step=int(axis.step or 1))
+        else:
+            distribution = FloatDistribution(axis.low, axis.high, log=axis.log, step=axis.step)
     return SearchAxis(spec.name, spec.default, distribution, tuple(_grid_values(spec, axis)))
+
+
+@contextlib.contextmanager
+def _steps_unmentioned() -> Iterator[None]:
+    """Keep Optuna from warning of ranges that end between two steps, and of a nominal value that lies there."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="The distribution is specified by|Fixed parameter")
+        yield
 
 
 def _grid_values(spec: OptionSpec, axis: RangeAxis) -> list[OptionValue]:
     if axis.step is not None:
-        count = math.floor((axis.high - axis.low) / axis.step + 1e-9) + 1
+        count = math.floor((axis.high - axis.low) / axis.step + _ROUNDING) + 1
         values = [axis.low + axis.step * number for number in range(count)]
     elif axis.log:
         ratio = math.log(axis.high / axis.low)

@@ -124,3 +124,31 @@ def test_the_faults_of_all_axes_come_together() -> None:
     )
 
     assert len(space_faults(definition.space, TABLE)) == 2
+
+
+@pytest.mark.parametrize(
+    ("axis", "reason"),
+    [
+        ({"low": 2, "high": 10, "step": 0.5}, "takes whole numbers; its step cannot be 0.5"),
+        ({"low": 2, "high": 10, "step": 1.5}, "takes whole numbers; its step cannot be 1.5"),
+        ({"low": 2, "high": 4, "step": 5}, "has no room for a step of 5"),
+    ],
+)
+def test_a_step_that_cannot_be_kept_to_is_refused(axis: dict[str, Any], reason: str) -> None:
+    with pytest.raises(DefinitionError, match=reason):
+        _space(tracks__min_length=axis)
+
+
+def test_nothing_is_said_of_a_range_and_a_nominal_value_between_two_steps() -> None:
+    space = _space(tracks__min_length={"low": 2, "high": 11, "step": 4})  # warnings are errors in tests
+    study = optuna.create_study()
+    study.enqueue_trial(space.nominal)
+
+    assert space.suggest(study.ask()) == {"tracks.min_length": 3}
+    assert space.axes[0].distribution == IntDistribution(2, 10, step=4)
+
+
+def test_a_step_as_large_as_its_range_has_two_points() -> None:
+    space = _space(matching__max_ratio={"low": 0.7, "high": 0.8, "step": 0.1})  # 0.8 - 0.7 is less than 0.1
+
+    assert space.axes[0].grid == (0.7, 0.8)
