@@ -40,7 +40,7 @@ class ValuesAxis(Section):
 
     @model_validator(mode="after")
     def _check_values(self) -> Self:
-        if len({(type(value), value) for value in self.values}) < len(self.values):
+        if len({(isinstance(value, bool), value) for value in self.values}) < len(self.values):  # 1 and 1.0 are one
             raise ValueError("values must differ from each other")
         return self
 

@@ -43,6 +43,7 @@ def test_a_definition_survives_its_canonical_json() -> None:
         ({"space": {"a.b": {"low": 1.0, "high": 0.1}}}, "'space.\"a.b\"': low must be below high"),
         ({"space": {"a.b": {"low": 0.0, "high": 1.0, "log": True}}}, "a log axis needs low > 0"),
         ({"space": {"a.b": {"values": [1, 1]}}}, "values must differ"),
+        ({"space": {"a.b": {"values": [1, 2, 1.0]}}}, "values must differ"),
         ({"space": {"a.b": {"low": 1.0}}}, "'space.\"a.b\".high' is missing"),
         ({"space": {}}, "'space'"),
         ({"name": "a b"}, "letters, digits"),
