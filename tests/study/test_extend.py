@@ -53,6 +53,16 @@ def test_a_range_may_be_widened(room: Path, database: Database, run_study: Runne
     assert len(_options(database)) == 5
 
 
+@pytest.mark.parametrize("sampler", ["qmc", "cmaes"])
+def test_a_range_is_not_widened_where_the_sampler_would_stay_in_the_old_one(
+    room: Path, database: Database, run_study: Runner, sampler: str
+) -> None:
+    run_study(definition_of(room, search={"trials": 3, "sampler": sampler}))
+
+    with pytest.raises(DefinitionError, match=f"sampler '{sampler}' would lose its place"):
+        extend_study(database, "small", Extension(trials=5, axes=AXIS))
+
+
 @pytest.mark.parametrize(
     ("option", "axis", "reason"),
     [
