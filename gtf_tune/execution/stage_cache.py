@@ -78,7 +78,7 @@ class StageCache:
         for entry in entries:
             if freed >= excess:
                 break
-            freed += self._evict(entry)
+            freed += entry.bytes if self._remove_unused(entry.folder.name, entry.folder) else 0
         self._remove_abandoned()
         return freed
 
@@ -97,11 +97,13 @@ class StageCache:
         return path.open("ab")
 
     def build(self, stage: str, key: str, build: Callable[[Path], None]) -> None:
-        """Build an entry aside and rename it into place."""
+        """Build an entry aside and rename it into place; the caller holds the lock of the key alone."""
         final = self.entry_folder(key)
         final.parent.mkdir(parents=True, exist_ok=True)
         (self.folder / "building").mkdir(exist_ok=True)
-        aside = Path(tempfile.mkdtemp(prefix=f"{os.getpid()}-", dir=self.folder / "building"))
+        for abandoned in (self.folder / "building").glob(f"{key}-*"):
+            shutil.rmtree(abandoned, ignore_errors=True)
+        aside = Path(tempfile.mkdtemp(prefix=f"{key}-", dir=self.folder / "building"))
         try:
             (aside / "files").mkdir()
             build(aside / "files")
@@ -118,19 +120,20 @@ class StageCache:
                 size = sum(file["bytes"] for file in content["files"].values())
                 yield _Entry(manifest.parent, content["stage"], size, manifest.stat().st_mtime)
 
-    def _evict(self, entry: _Entry) -> int:
-        with self.lock(entry.folder.name) as lock:
+    def _remove_unused(self, key: str, folder: Path) -> bool:
+        """Remove the folder of a key, unless someone uses or builds its entry, and tell whether it is gone."""
+        with self.lock(key) as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
-                return 0
-            _remove_entry(entry.folder)
-            return entry.bytes
+                return False
+            _remove_entry(folder)
+            return True
 
     def _remove_abandoned(self) -> None:
+        # Whoever builds holds the lock. Its process says nothing: that of another container is not seen from here.
         for folder in (self.folder / "building").glob("*-*"):
-            if not Path(f"/proc/{folder.name.split('-')[0]}").exists():
-                shutil.rmtree(folder, ignore_errors=True)
+            self._remove_unused(folder.name.rpartition("-")[0], folder)
 
 
 @dataclass

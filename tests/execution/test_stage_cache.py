@@ -175,6 +175,32 @@ def test_entries_that_a_run_uses_are_not_evicted(cache: StageCache) -> None:
     assert cache.info().entries == {}
 
 
+def test_what_is_being_built_is_not_taken_for_abandoned_by_another_container(
+    cache: StageCache, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    unseen = 2**31 - 1
+    monkeypatch.setattr(os, "getpid", lambda: unseen)  # containers do not see each other's processes
+
+    def build(folder: Path) -> None:
+        StageCache(cache.folder).prune()
+        (folder / "data").write_text("built")
+
+    with cache.open(Path()) as stages:
+        assert (stages.reach("features", key(1), build) / "data").read_text() == "built"
+
+
+def test_what_a_killed_builder_left_is_removed_with_the_next_entry(cache: StageCache) -> None:
+    process = _start(BUILD_AND_WAIT, cache.folder)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"building\n"
+    process.send_signal(signal.SIGKILL)
+    process.communicate()
+
+    reach(cache, 1, Builder())
+
+    assert list((cache.folder / "building").iterdir()) == []
+
+
 def test_a_run_that_asks_twice_gets_the_same_folder(cache: StageCache) -> None:
     with cache.open(Path()) as stages:
         first = stages.reach("features", key(1), Builder())
