@@ -207,3 +207,18 @@ def test_any_text_is_edited_or_refused_but_never_breaks(text: str, form: str) ->
     except DefinitionError:
         return
     assert "some" in edited or "key" in edited
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        ("yaml", "some: {other: 1}\nlast: 2\n"),
+        ("yaml", "some: 1\n"),
+        ("yaml", "some:\n  - 1\nlast: 2\n"),
+        ("json", '{"some": [1]}'),
+        ("json", '{"some": null}'),
+    ],
+)
+def test_a_key_is_not_added_where_it_would_hide_what_is_there(form: str, text: str) -> None:
+    with pytest.raises(DefinitionError, match=r"'some.key' cannot be added to the settings file, where 'some'"):
+        write_values(text, form, {"some.key": 1}, add_missing=True)

@@ -42,9 +42,14 @@ def replace(text: str, key: str, value: bool | int | float | str) -> str:
 
 def add(text: str, key: str, value: bool | int | float | str) -> str:
     """Return the text with a new key as the first of the deepest object of its path that is there."""
-    objects = [one for one in _values(text) if isinstance(one.value, dict) and key.startswith(one.key + ".")]
+    parents = [one for one in _values(text) if key.startswith(one.key + ".")]
     whole = _Value("", _SPACE.match(text).end(), len(text), _whole(text))  # type: ignore[union-attr]
-    parent = max(objects, key=lambda one: len(one.key), default=whole)
+    parent = max(parents, key=lambda one: len(one.key), default=whole)
+    if not isinstance(parent.value, dict):
+        raise DefinitionError(
+            f"the key '{key}' cannot be added to the settings file, where '{parent.key}' is no object; write it there "
+            "by hand"
+        )
     *outer, last = key.removeprefix(f"{parent.key}." if parent.key else "").split(".")
     content: Any = {last: value}
     for name in reversed(outer):

@@ -6,7 +6,6 @@ be missing, and there are no booleans.
 
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -146,21 +145,20 @@ def add(text: str, key: str, value: bool | int | float | str) -> str:
     words = _formatted(value, _is_opencv(text))
     if _is_opencv(text):
         return f"{text}{key}: {words}\n"
-    lines = text.splitlines(keepends=True)
-    for parent, child in _parents(text, key):
-        lines.insert(parent.last_line + 1, _nested(key.removeprefix(parent.key + "."), words, child.indent))
-        return "".join(lines)
-    return text + _nested(key, words, 0)
-
-
-def _parents(text: str, key: str) -> Iterator[tuple[_Entry, _Entry]]:
-    """Yield the mappings whose path starts the key, deepest first, each with its first child."""
     entries = _entries(text)
-    prefixes = [one for one in entries if one.addressable and key.startswith(one.key + ".")]
-    for parent in sorted(prefixes, key=lambda one: -len(one.key)):
-        children = [one for one in entries if one.path[:-1] == parent.path and one.addressable]
-        if children and parent.kind == "block":
-            yield parent, children[0]
+    parents = [one for one in entries if one.addressable and key.startswith(one.key + ".")]
+    if not parents:
+        return text + _nested(key, words, 0)
+    parent = max(parents, key=lambda one: len(one.key))
+    children = [one for one in entries if one.path[:-1] == parent.path and one.addressable]
+    if not children or parent.kind != "block":
+        raise DefinitionError(
+            f"the key '{key}' cannot be added to the settings file, where '{parent.key}' holds no keys on lines of "
+            "their own; write it there by hand"
+        )
+    lines = text.splitlines(keepends=True)
+    lines.insert(parent.last_line + 1, _nested(key.removeprefix(parent.key + "."), words, children[0].indent))
+    return "".join(lines)
 
 
 def _nested(key: str, words: str, indent: int) -> str:
