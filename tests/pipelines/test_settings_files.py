@@ -222,3 +222,10 @@ def test_any_text_is_edited_or_refused_but_never_breaks(text: str, form: str) ->
 def test_a_key_is_not_added_where_it_would_hide_what_is_there(form: str, text: str) -> None:
     with pytest.raises(DefinitionError, match=r"'some.key' cannot be added to the settings file, where 'some'"):
         write_values(text, form, {"some.key": 1}, add_missing=True)
+
+
+@pytest.mark.parametrize("text", ["a: one\n  and two\nb: 2\n", 'a: "one\n  and two"\nb: 2\n'])
+def test_yaml_values_of_several_lines_are_left_alone(text: str) -> None:
+    with pytest.raises(DefinitionError, match="'a' of the settings file does not hold a single value"):
+        write_values(text, "yaml", {"a": "three"})
+    assert write_values(text, "yaml", {"b": 3}) == text.replace("2", "3")

@@ -76,6 +76,9 @@ class _Scan:
             self.pending = _unfinished(line)
         else:
             self.pending = _unfinished(line)
+            last = self.open_entries[-1] if self.open_entries else None
+            if last is not None and last.kind == "scalar" and indent > last.indent:  # its value goes on
+                last.kind = "block"
         self._extend(number, True)
 
     def _add_key(self, number: int, line: str, match: re.Match[str]) -> None:
@@ -91,6 +94,8 @@ class _Scan:
             self.skip_deeper_than = len(match["indent"])
         else:
             self.pending = _unfinished(line[start:])
+            if self.pending and kind == "scalar":
+                self.entries[-1].kind = "block"
 
     def _open_item(self, number: int, indent: int) -> None:
         while self.open_entries and (
