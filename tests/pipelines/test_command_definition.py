@@ -181,6 +181,21 @@ def test_a_literal_script_counts_by_its_contents(tmp_path: Path) -> None:
     assert len(identities) == 2
 
 
+@pytest.mark.parametrize("place", ["template", "link"])
+def test_a_literal_settings_file_or_link_counts_by_its_contents(tmp_path: Path, place: str) -> None:
+    named = tmp_path / "settings.yaml"
+    tables = {
+        "template": {"settings_files": [{"template": str(named)}]},
+        "link": {"files": [{"path": "settings.yaml", "link": str(named)}]},
+    }
+    identities = set()
+    for text in ("a: 1\n", "a: 2\n"):
+        named.write_text(text)
+        identities.add(create({"arguments": PROGRAM, **tables[place]}).settings["identity"])
+
+    assert len(identities) == 2
+
+
 def test_the_version_is_what_the_program_says() -> None:
     says = [sys.executable, "-c", "print(); print('Solver 1.2 (abc)')"]
 

@@ -164,5 +164,7 @@ def _identity(definition: CommandDefinition, parameters: Mapping[str, Value]) ->
         if by_kind[name] not in ("executable", "folder")
     }
     words = [word for step in definition.all_steps for word in words_of(step.arguments)]
+    words += [file.link for file in definition.files]
+    words += [str(Path(file.template).absolute()) for file in definition.settings_files]
     files = {word: file_digest(Path(word)) for word in words if Path(word).is_absolute() and Path(word).is_file()}
     return {"definition": definition.model_dump(mode="json", exclude=_NOT_RESULTS), "values": values, "files": files}
