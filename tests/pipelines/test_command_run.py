@@ -320,6 +320,20 @@ open("output", "w").write("0 0 0 0 0 0 0 1\\n")
     assert (seen["variable"], seen["optional"]) == ("1 of 6", False)
 
 
+def test_a_settings_file_keeps_its_ends_of_lines(frames: Sequence, tmp_path: Path) -> None:
+    (tmp_path / "settings.ini").write_bytes(b"[a]\r\nb=1\r\nc=2\r\n")
+    code = """
+import json, sys
+print("seen", json.dumps(open(sys.argv[1], newline="").read()))
+open("output", "w").write("0 0 0 0 0 0 0 1\\n")
+"""
+    template = {"template": str(tmp_path / "settings.ini"), "values": {"a.c": 3}}
+    words = [*PYTHON, script(tmp_path, code), "{settings_file}"]
+    pipeline = create({"arguments": words, "settings_files": [template], "output": {"association": "index"}})
+
+    assert _seen(lambda: run(pipeline, frames, tmp_path), tmp_path / "log") == "[a]\r\nb=1\r\nc=3\r\n"
+
+
 def _seen(action: Callable[[], object], log: Path) -> Any:
     from gtf_tune.execution.process import output_to
 

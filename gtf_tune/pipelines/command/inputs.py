@@ -192,11 +192,11 @@ def _write_settings_files(
         path = Path(str(values[f"settings_file:{file.name}"]))
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
-            text = template.read_text(encoding="utf-8", errors="surrogateescape")
+            text = template.read_bytes().decode("utf-8", "surrogateescape")  # with its own ends of lines
             edited = write_values(text, file.format or format_of(template), wanted, file.add_missing)
         except (OSError, DefinitionError) as error:
             raise RunError(f"{template} cannot be used as settings file: {error}") from error
-        path.write_text(edited, encoding="utf-8", errors="surrogateescape")
+        path.write_bytes(edited.encode("utf-8", "surrogateescape"))
 
 
 def _scalar(text: str) -> Scalar:
