@@ -19,6 +19,7 @@ COARSE = 3
 """Even steps before the curve is used; nominal comes before them."""
 
 _CANDIDATES = 301
+_SAME = 1e-8
 _INFEASIBLE = math.log(2.0)
 
 
@@ -26,8 +27,12 @@ class RefineSampler(BaseSampler):
     """Choose the next value of a single numeric option; deterministic, and safe beside other workers.
 
     Stopped trials count with what they showed against the best trial on the noise that both have seen, infeasible ones
-    as twice the worst score, trials of other workers as what the curve says without them.
+    as twice the worst score, trials of other workers as what the curve says without them. A step that falls on
+    ``nominal``, which trial 0 measures, is left out.
     """
+
+    def __init__(self, nominal: float) -> None:
+        self._nominal = nominal
 
     def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
         """Return nothing: the only option is sampled by itself."""
@@ -46,8 +51,10 @@ class RefineSampler(BaseSampler):
     ) -> float | int:
         """Return the value for a trial; trial 0 is nominal and not asked for."""
         axis = Axis.of(param_distribution)
-        if trial.number <= COARSE:
-            return axis.value(max(trial.number, 1) / (COARSE + 1))
+        steps = [value for value in axis.coarse() if not math.isclose(value, self._nominal, rel_tol=_SAME)]
+        number = max(trial.number, 1)
+        if number <= len(steps):
+            return steps[number - 1]
         others = [one for one in study.get_trials(deepcopy=False) if one.number != trial.number]
         return axis.value(_choose([one for one in others if param_name in one.params], param_name, axis))
 
@@ -80,6 +87,10 @@ class Axis:
             value = self.distribution.low + step * round((value - self.distribution.low) / step)
         value = min(max(float(f"{value:.9g}"), self.distribution.low), self.distribution.high)
         return round(value) if isinstance(self.distribution, IntDistribution) else float(value)
+
+    def coarse(self) -> list[float | int]:
+        """Return the values of the even steps; fewer where whole numbers or steps are far apart."""
+        return list(dict.fromkeys(self.value(number / (COARSE + 1)) for number in range(1, COARSE + 1)))
 
     def candidates(self, tried: FloatArray) -> FloatArray:
         """Return places to choose from: a fine grid, or the untried values where there are few of them."""

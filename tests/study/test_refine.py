@@ -16,7 +16,7 @@ EVERYWHERE = np.linspace(0.0, 1.0, 101)
 
 
 def _study(*trials: optuna.trial.FrozenTrial) -> optuna.Study:
-    study = optuna.create_study(sampler=RefineSampler())
+    study = optuna.create_study(sampler=RefineSampler(nominal=1e-2))
     study.add_trials(list(trials))
     return study
 
@@ -114,6 +114,29 @@ def test_the_first_steps_are_even() -> None:
         study.tell(trial, 1.0)
 
     assert steps == pytest.approx([-3.25, -2.5, -1.75])
+
+
+@pytest.mark.parametrize(
+    ("distribution", "nominal", "expected"),
+    [
+        (FloatDistribution(1e-2, 1e2, log=True), 1.0, [0.1, 10.0]),
+        (FloatDistribution(0.5, 0.9, step=0.1), 0.8, [0.6, 0.7]),
+        (IntDistribution(2, 3), 3, [2]),
+        (IntDistribution(2, 6), 2, [3, 4, 5]),
+    ],
+)
+def test_no_step_repeats_nominal_or_another_step(
+    distribution: FloatDistribution | IntDistribution, nominal: float, expected: list[float]
+) -> None:
+    study = optuna.create_study(sampler=RefineSampler(nominal))
+    study.enqueue_trial({"x": nominal})
+    found = []
+    for _ in range(1 + len(expected)):
+        trial = study.ask({"x": distribution})
+        found.append(trial.params["x"])
+        study.tell(trial, 1.0)
+
+    assert found == [nominal, *expected]
 
 
 def test_the_optimum_of_a_bowl_is_found_in_eight_trials() -> None:
