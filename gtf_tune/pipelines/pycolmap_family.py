@@ -5,7 +5,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -121,8 +120,8 @@ def _is_vocab_tree(path: Path) -> bool:
 
 
 def pycolmap_version() -> str:
-    """Return the version of pycolmap from its metadata."""
-    return version("pycolmap")
+    """Return the version of the pycolmap that runs, which may be that of the package ``pycolmap-cuda12``."""
+    return str(pycolmap.__version__)
 
 
 def run_to_models(controller: Callable[[Any], Any]) -> list[Any]:

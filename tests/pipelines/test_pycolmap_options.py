@@ -191,3 +191,9 @@ def test_trees_are_read_from_the_objects_alone() -> None:
 
     assert isinstance(tree, OptionTree)
     assert len(tree.leaves) > 100
+
+
+def test_the_version_is_that_of_the_module_that_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pycolmap, "__version__", "9.9.9")  # as pycolmap-cuda12 beside or in place of pycolmap
+
+    assert create_pipeline("glomap").version == "9.9.9"
