@@ -13,6 +13,7 @@ import pycolmap
 
 from gtf_tune.errors import DefinitionError, OptionError, RunError, TrajectoryError
 from gtf_tune.pipelines.base import DiagnosticValue, PipelineJob, PipelineOutput
+from gtf_tune.pipelines.command.programs import file_digest
 from gtf_tune.pipelines.options import OptionTable, OptionValue
 from gtf_tune.pipelines.pycolmap_options import OptionRoot, OptionTree, read_tree
 from gtf_tune.pipelines.pycolmap_stages import PAIRINGS, StagedRun, shared_roots, stage_errors
@@ -88,7 +89,7 @@ class PycolmapPipeline(ABC):
 
 
 def settings_of(pipeline: str, given: Mapping[str, object]) -> dict[str, str]:
-    """Return the checked settings of a pycolmap pipeline.
+    """Return the checked settings of a pycolmap pipeline, and with a vocabulary tree the digest of its contents.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def settings_of(pipeline: str, given: Mapping[str, object]) -> dict[str, str]:
             f"pipeline '{pipeline}': '{tree}' is no vocabulary tree of COLMAP 4, whose format is not that of versions "
             "before 3.12; build one with 'colmap vocab_tree_builder' of COLMAP 4"
         )
-    return settings
+    return {**settings, "vocab_tree": file_digest(Path(tree))} if tree else settings
 
 
 def _is_vocab_tree(path: Path) -> bool:

@@ -48,6 +48,17 @@ def test_files_at_which_pycolmap_would_abort_are_refused(head: bytes, tmp_path: 
         create_pipeline("colmap", {"pairing": "sequential", "vocab_tree_path": path.as_posix()})
 
 
+def test_another_vocabulary_tree_at_the_same_place_is_another_setting(tmp_path: Path) -> None:
+    path = tmp_path / "tree.bin"
+    found = []
+    for content in (b"one", b"another"):
+        path.write_bytes(struct.pack("<iii", 2, 0, 128) + content)
+        found.append(create_pipeline("glomap", {"pairing": "sequential", "vocab_tree_path": path.as_posix()}).settings)
+
+    assert found[0] != found[1]
+    assert "vocab_tree" not in create_pipeline("glomap").settings
+
+
 def test_camera_models_are_those_of_pycolmap() -> None:
     assert create_pipeline("glomap", {"camera_model": "OPENCV"}).settings["camera_model"] == "OPENCV"
     with pytest.raises(DefinitionError, match="OPENCV_FISHEYE"):
