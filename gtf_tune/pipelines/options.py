@@ -103,6 +103,8 @@ def _convert_type(spec: OptionSpec, value: object) -> OptionValue:
         value = int(value)
     if isinstance(value, int) and not isinstance(value, bool) and spec.kind == "float":
         value = float(value)
+    if isinstance(value, int) and not isinstance(value, bool) and str(value) in spec.choices:
+        value = str(value)
     right = value in spec.choices if spec.choices else type(value) is type(spec.default) and value == value
     if not right or not isinstance(value, bool | int | float | str):
         raise OptionError(f"option '{spec.name}' takes {_kind_in_words(spec)}, not {_given(value)}")

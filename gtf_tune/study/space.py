@@ -163,6 +163,8 @@ def _hull(spec: OptionSpec, values: tuple[OptionValue, ...]) -> BaseDistribution
 
 
 def _as_kind(spec: OptionSpec, value: OptionValue) -> OptionValue:
+    if spec.choices:
+        return str(value)
     if spec.kind == "float" and not isinstance(value, bool | str):
         return float(value)
     if spec.kind == "int" and not isinstance(value, bool | str):

@@ -26,6 +26,14 @@ def test_values_get_their_canonical_type() -> None:
     assert [type(value) for value in checked.values()] == [float, int]
 
 
+def test_a_word_of_digits_may_be_given_as_a_number() -> None:
+    table = OptionTable("p", {"preset": OptionSpec("preset", "0", choices=("0", "2"))})
+
+    assert table.check({"preset": 2}) == {"preset": "2"}
+    with pytest.raises(OptionError, match="takes one of 0, 2, not 5"):
+        table.check({"preset": 5})
+
+
 @pytest.mark.parametrize(
     ("name", "value", "kind"),
     [

@@ -9,7 +9,7 @@ from optuna.distributions import CategoricalDistribution, FloatDistribution, Int
 
 from gtf_tune.definition import definition_from_dict
 from gtf_tune.errors import DefinitionError
-from gtf_tune.pipelines import create_pipeline
+from gtf_tune.pipelines import OptionSpec, OptionTable, create_pipeline
 from gtf_tune.study.space import SearchSpace, build_space, space_faults
 from tests.study.conftest import definition_of
 
@@ -152,3 +152,13 @@ def test_a_step_as_large_as_its_range_has_two_points() -> None:
     space = _space(matching__max_ratio={"low": 0.7, "high": 0.8, "step": 0.1})  # 0.8 - 0.7 is less than 0.1
 
     assert space.axes[0].grid == (0.7, 0.8)
+
+
+def test_words_of_digits_are_searched_as_words() -> None:
+    table = OptionTable("p", {"preset": OptionSpec("preset", "0", choices=("0", "2"))})
+    data = definition_of(Path("r"), space={"preset": {"values": [0, 2]}}, search={"sampler": "grid"})
+
+    (axis,) = build_space(definition_from_dict(data), table).axes
+
+    assert axis.grid == ("0", "2")
+    assert axis.distribution == CategoricalDistribution(("0", "2"))
