@@ -155,11 +155,15 @@ class _CachedStages:
                 f"the stage cache {self.cache.folder} cannot be written ({error.strerror}); "
                 "choose another place with --cache-dir or work without it (--no-cache)"
             ) from error
+        try:
+            fcntl.flock(lock, fcntl.LOCK_SH)
+            if not _is_sound(folder):
+                self._build_alone(lock, stage, key, build)
+            os.utime(folder / _MANIFEST)
+        except BaseException:
+            lock.close()
+            raise
         self.locks[key] = lock
-        fcntl.flock(lock, fcntl.LOCK_SH)
-        if not _is_sound(folder):
-            self._build_alone(lock, stage, key, build)
-        os.utime(folder / _MANIFEST)
         return folder / "files"
 
     def release(self) -> None:

@@ -1,6 +1,7 @@
 """Give runs the folders of their stages, without a cache."""
 
 import contextlib
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,5 +36,9 @@ class _Fresh:
         folder = self.workspace / f"{stage}-{key}"
         if not folder.exists():
             folder.mkdir(parents=True)
-            build(folder)
+            try:
+                build(folder)
+            except BaseException:
+                shutil.rmtree(folder, ignore_errors=True)
+                raise
         return folder

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import RunError, StorageError
 from gtf_tune.execution import StageCache
+from gtf_tune.execution.stages import FreshStages
 
 ROOT = Path(__file__).parents[2]
 BUILD_AND_WAIT = """
@@ -206,6 +207,21 @@ def test_a_run_that_asks_twice_gets_the_same_folder(cache: StageCache) -> None:
         first = stages.reach("features", key(1), Builder())
 
         assert stages.reach("features", key(1), Builder()) == first
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_run_that_asks_again_after_a_failure_builds_again(cache: StageCache, tmp_path: Path, kept: bool) -> None:
+    store = cache if kept else FreshStages()
+
+    def fail(folder: Path) -> None:
+        (folder / "half").write_text("written")
+        raise RunError("no features")
+
+    with store.open(tmp_path) as stages:
+        with pytest.raises(RunError, match="no features"):
+            stages.reach("features", key(1), fail)
+
+        assert [path.name for path in stages.reach("features", key(1), Builder()).iterdir()] == ["deep"]
 
 
 def test_threads_wait_for_the_first_one_instead_of_building_again(cache: StageCache) -> None:
