@@ -106,7 +106,10 @@ def checked_here(sequence: Sequence) -> Sequence:
 
 
 def _moved(sequence: Sequence, root: Path) -> Sequence:
-    frames = tuple(replace(frame, path=root / frame.path.relative_to(sequence.root)) for frame in sequence.frames)
+    """Return a sequence below another root; images outside its own, as lists may name them, stay where they are."""
+    paths = [frame.path for frame in sequence.frames]
+    moved = [root / path.relative_to(sequence.root) if path.is_relative_to(sequence.root) else path for path in paths]
+    frames = tuple(replace(frame, path=path) for frame, path in zip(sequence.frames, moved, strict=True))
     return replace(sequence, root=root, frames=frames)
 
 

@@ -122,6 +122,18 @@ def test_a_worker_finds_images_below_its_own_data_root(
     assert checked_here(sequence).frames[0].path.is_relative_to(tmp_path / "elsewhere")
 
 
+def test_images_that_a_list_names_outside_the_sequence_stay_where_they_are(
+    room: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (room / "rgb").rename(tmp_path / "shared")
+    names = (room / "rgb.txt").read_text().replace(" rgb/", f" {tmp_path}/shared/")
+    (room / "rgb.txt").write_text(names)
+    sequence = load_sequence(room)
+    monkeypatch.setenv(DATA_ROOT_VARIABLE, str(tmp_path / "elsewhere"))
+
+    assert checked_here(sequence).frames[0].path.is_relative_to(tmp_path / "shared")
+
+
 def test_a_worker_refuses_other_pixels(room: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sequence = load_sequence(room)
     assert sequence.fingerprint
