@@ -44,7 +44,11 @@ class RunRequest:
 
     @property
     def key(self) -> str:
-        """Return the hex SHA-256 of everything that the result depends on."""
+        """Return the hex SHA-256 of everything that the result depends on.
+
+        Images do not tell the times of frames, which are part of it for pipelines with a true ``reads_times``.
+        """
+        reads_times = getattr(self.pipeline, "reads_times", False)
         return digest(
             {
                 "pipeline": self.pipeline.name,
@@ -57,6 +61,7 @@ class RunRequest:
                 "index": self.index,
                 "seed": self.seed,
                 "threads": self.threads,
+                **({"times": [frame.timestamp for frame in self.sequence.frames]} if reads_times else {}),
             }
         )
 

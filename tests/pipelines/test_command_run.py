@@ -15,6 +15,7 @@ from gtf_tune.errors import RunError
 from gtf_tune.pipelines import PipelineOutput
 from gtf_tune.pipelines.analytic import ground_truth, imaginary_sequence
 from gtf_tune.pipelines.command import CommandPipeline, create
+from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Camera, Frame, Sequence
 from gtf_tune.testing import ContractCase, FolderStages, PipelineContract
 
@@ -86,6 +87,36 @@ def test_the_trajectory_is_that_of_the_program(frames: Sequence, tmp_path: Path)
     assert output.trajectory.positions.tolist() == [[0.5 * index, 7 % 3, 0] for index in range(FRAMES)]
     assert output.trajectory.names[1] == "000003.pgm"
     assert output.diagnostics["num_poses"] == FRAMES
+
+
+@pytest.mark.parametrize(("association", "reads"), [("timestamp", True), ("index", False)])
+def test_other_times_are_another_run_where_they_count(
+    frames: Sequence, tmp_path: Path, association: str, reads: bool
+) -> None:
+    pipeline = writer(tmp_path, "", association=association)
+    later = tuple(dataclasses.replace(frame, timestamp=frame.timestamp + 1) for frame in frames.frames)
+    requests = [
+        RunRequest(pipeline, {}, sequence, "clean", 0, 0.0, 0, 0)
+        for sequence in (frames, dataclasses.replace(frames, frames=later))
+    ]
+
+    assert (requests[0].key != requests[1].key) == reads
+
+
+def test_a_cached_step_that_reads_times_is_run_again_for_others(
+    frames: Sequence, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    code = "open('output', 'w').write('0 0 0 0 0 0 0 1')"
+    step = {"name": "match", "arguments": [*PYTHON, script(tmp_path, code), "{timestamps}"], "cached": True}
+    last = {"name": "map", "arguments": [*PYTHON, script(tmp_path, code)]}
+    pipeline = create({"steps": [step, last], "output": {"association": "index"}})
+    later = tuple(dataclasses.replace(frame, timestamp=frame.timestamp + 1) for frame in frames.frames)
+    stages = FolderStages(tmp_path / "stages")
+
+    for number, sequence in enumerate((frames, frames, dataclasses.replace(frames, frames=later))):
+        ContractCase(pipeline, sequence).run(tmp_path / str(number), stages, {})
+
+    assert capfd.readouterr().out.count(f"{sys.executable} -I -S") == 2 + 3
 
 
 def test_only_changed_options_are_passed_unless_asked(

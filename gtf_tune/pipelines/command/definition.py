@@ -42,6 +42,10 @@ FRAME_FIELDS = frozenset({"index", "frame_id", "name", "timestamp_s", "timestamp
 """Placeholders that each frame has besides."""
 
 
+TIME_FIELDS = frozenset({"timestamps", "fps", "timestamp_s", "timestamp_ns"})
+"""Placeholders that stand for times of frames."""
+
+
 class ParameterDefinition(Section):
     """Name something that the user gives: where a program, a file or a folder is, or a word for the command.
 

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gtf_tune.pipelines.base import PipelineJob, PipelineOutput
+from gtf_tune.pipelines.command.definition import TIME_FIELDS, templates_of
 from gtf_tune.pipelines.command.inputs import prepare
 from gtf_tune.pipelines.command.output import read_output
 from gtf_tune.pipelines.command.resolution import ResolvedCommand, resolve
 from gtf_tune.pipelines.command.steps import StepRun
+from gtf_tune.pipelines.command.templates import fields_of
 from gtf_tune.pipelines.options import OptionTable
 
 
@@ -25,6 +27,13 @@ class CommandPipeline:
     def options(self) -> OptionTable:
         """Return the options of the definition."""
         return OptionTable(self.name, self.command.definition.option_specs())
+
+    @property
+    def reads_times(self) -> bool:
+        """Tell whether results depend on the times of frames: the program is given them, or tells its poses by them."""
+        definition = self.command.definition
+        named = {name for _, template, _ in templates_of(definition) for name, _ in fields_of(template)}
+        return definition.output.association == "timestamp" or not TIME_FIELDS.isdisjoint(named)
 
     def run(self, job: PipelineJob) -> PipelineOutput:
         """Return the trajectory that the programs leave.

@@ -11,7 +11,13 @@ from functools import cached_property
 from pathlib import Path
 
 from gtf_tune.pipelines.base import DiagnosticValue, PipelineJob
-from gtf_tune.pipelines.command.definition import OptionDefinition, StepDefinition, templates_of, words_of
+from gtf_tune.pipelines.command.definition import (
+    TIME_FIELDS,
+    OptionDefinition,
+    StepDefinition,
+    templates_of,
+    words_of,
+)
 from gtf_tune.pipelines.command.inputs import RunInputs
 from gtf_tune.pipelines.command.process import check_exit, run_program
 from gtf_tune.pipelines.command.resolution import ResolvedCommand
@@ -64,6 +70,8 @@ class StepRun:
     def _key(self, step: StepDefinition, previous: str) -> str:
         """Return the key of a cached step: all that its results and those of the steps before it depend on."""
         options = self.command.definition.options
+        reads_times = any(self._reads(name, step) for name in TIME_FIELDS)
+        times = [frame.timestamp for frame in self.job.images.sequence.frames]
         mine = {name: value for name, value in self.inputs.options.items() if options[name].step in ("", step.name)}
         return digest(
             {
@@ -73,6 +81,7 @@ class StepRun:
                 "options": mine,
                 "seed": self.job.seed if self._reads("seed", step) else None,
                 "threads": self.job.threads,
+                **({"times": times} if reads_times else {}),
             }
         )
 
