@@ -196,6 +196,19 @@ def test_a_literal_settings_file_or_link_counts_by_its_contents(tmp_path: Path, 
     assert len(identities) == 2
 
 
+@pytest.mark.parametrize(
+    ("tables", "reason"),
+    [
+        ({"version_pattern": "v("}, r"version_pattern: 'v\(' is no regular expression"),
+        ({"version_command": ["{seed}"]}, "'version_command' must start with a program"),
+        ({"version_command": [sys.executable, "--version"], "version_pattern": "P(q)?"}, "did not print what is exp"),
+    ],
+)
+def test_a_version_that_cannot_be_told_is_one_sentence(tables: dict[str, object], reason: str) -> None:
+    with pytest.raises(DefinitionError, match=reason):
+        create({"arguments": PROGRAM, **tables})
+
+
 def test_the_version_is_what_the_program_says() -> None:
     says = [sys.executable, "-c", "print(); print('Solver 1.2 (abc)')"]
 

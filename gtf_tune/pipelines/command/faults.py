@@ -57,6 +57,10 @@ def _faults(definition: CommandDefinition) -> Iterator[str]:
     yield from _step_faults(definition)
     yield from _parameter_faults(definition)
     yield from _path_faults(definition)
+    try:
+        re.compile(definition.version_pattern)
+    except re.error as error:
+        yield f"version_pattern: '{definition.version_pattern}' is no regular expression ({error})"
     template_faults = list(_template_faults(definition))
     yield from template_faults
     if not template_faults:

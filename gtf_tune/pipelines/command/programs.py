@@ -76,6 +76,8 @@ def _known_words(words: Iterable[str], parameters: Mapping[str, Value]) -> Itera
 
 def _asked_version(definition: CommandDefinition, parameters: Mapping[str, Value]) -> str:
     words = list(_known_words(definition.version_command, parameters))
+    if not words:
+        raise DefinitionError("'version_command' must start with a program, which parameters alone decide")
     try:
         answer = subprocess.run(
             words,
@@ -85,13 +87,13 @@ def _asked_version(definition: CommandDefinition, parameters: Mapping[str, Value
             timeout=_VERSION_TIMEOUT_S,
             check=False,
         ).stdout.decode(errors="replace")
-    except (OSError, subprocess.TimeoutExpired) as error:
+    except (OSError, ValueError, subprocess.TimeoutExpired) as error:
         raise DefinitionError(f"the version command {words} failed ({error}); mend 'version_command'") from error
     found = re.search(definition.version_pattern or r"\S.*", answer)
-    if found is None:
+    version = found[found.re.groups > 0] if found else None
+    if version is None:
         raise DefinitionError(
             f"the version command {words} did not print what is expected ('{definition.version_pattern}'), but "
             f"{answer.strip()[:_LONGEST_VERSION]!r}; mend 'version_command' or 'version_pattern'"
         )
-    version = found[1] if found.re.groups else found[0]
     return version.strip()[:_LONGEST_VERSION]
