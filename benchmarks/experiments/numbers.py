@@ -13,6 +13,10 @@ def percent(value: float) -> str:
     return f"{value:+.1%}" if math.isfinite(value) else "-"
 
 
+def share(value: float) -> str:
+    return f"{value:.0%}" if math.isfinite(value) else "-"
+
+
 def plain(value: float) -> str:
     return f"{value:.2f}" if math.isfinite(value) else "-"
 

@@ -10,7 +10,7 @@ from benchmarks.experiments.findings import share_of_oracle
 from benchmarks.experiments.joint import Joint, sweeps_of
 from benchmarks.experiments.k_delta import Curve, picks
 from benchmarks.experiments.ladder import Ladder
-from benchmarks.experiments.numbers import Table, mean, percent, plain, significant
+from benchmarks.experiments.numbers import Table, mean, percent, plain, share, significant
 from benchmarks.experiments.paper import ROWS
 from benchmarks.experiments.plan import AGGREGATE, OPTIONS
 from benchmarks.experiments.settings import AGGREGATES, PREDICTORS, Outcome, Setting
@@ -57,7 +57,7 @@ def summary_table(outcomes: Sequence[Outcome]) -> Table:
     for name, predictor in PREDICTORS.items():
         found = [(one, one.agreement(predictor)) for one in outcomes if one.knows(predictor)]
         changes = [outcome.change(agreement.pick) for outcome, agreement in found]
-        share, _ = share_of_oracle(outcomes, name)
+        reached, _ = share_of_oracle(outcomes, name)
         unseen, _ = share_on_unseen(outcomes, SCORERS[name]) if name in SCORERS else (math.nan, 0)
         rows.append(
             [
@@ -66,8 +66,8 @@ def summary_table(outcomes: Sequence[Outcome]) -> Table:
                 plain(mean(agreement.r_squared * np.sign(agreement.correlation) for _, agreement in found)),
                 plain(mean(agreement.spearman for _, agreement in found)),
                 percent(mean(changes)),
-                f"{share:.0%}" if math.isfinite(share) else "-",
-                f"{unseen:.0%}" if math.isfinite(unseen) else "-",
+                share(reached),
+                share(unseen),
                 f"{sum(change > 0.01 for change in changes)} of {len(changes)}",
             ]
         )

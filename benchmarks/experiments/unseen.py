@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.experiments.estimators import paired_ratio
 from benchmarks.experiments.findings import WORTH_FINDING
 from benchmarks.experiments.k_delta import DRAWS
-from benchmarks.experiments.numbers import Table, mean, percent, plain, spearman
+from benchmarks.experiments.numbers import Table, mean, percent, plain, share, spearman
 from benchmarks.experiments.plan import AGGREGATE
 from benchmarks.experiments.settings import AGGREGATES, Outcome, Setting
 from gtf_tune.gtf import Aggregate, aggregate_matrix
@@ -75,15 +75,40 @@ def on_unseen(outcome: Outcome, scorer: Scorer) -> Unseen | None:
 
 def share_on_unseen(outcomes: Sequence[Outcome], scorer: Scorer) -> tuple[float, int]:
     """Return the part of the gain possible in hindsight that picks reach on unseen images, and over how many grids."""
-    found = [one for one in (on_unseen(outcome, scorer) for outcome in outcomes) if one is not None]
+    found = shares([one for one in (on_unseen(outcome, scorer) for outcome in outcomes) if one is not None])
+    return found.by_score, found.grids
+
+
+@dataclass(frozen=True)
+class Shares:
+    """Hold the parts of the gain possible in hindsight that three ways to choose reach, over some number of grids."""
+
+    by_score: float
+    by_clean_truth: float
+    by_seen_truth: float
+    grids: int
+
+
+def shares(found: Sequence[Unseen]) -> Shares:
+    """Return the average shares over grids where hindsight gains more than 3 %."""
     worth = [one for one in found if one.hindsight < -WORTH_FINDING]
-    return mean(_share(one.by_score, one) for one in worth), len(worth)
+    return Shares(
+        mean(_share(one.by_score, one) for one in worth),
+        mean(_share(one.by_clean_truth, one) for one in worth),
+        mean(_share(one.by_seen_truth, one) for one in worth),
+        len(worth),
+    )
+
+
+def picks_on_unseen(outcomes: Sequence[Outcome]) -> list[tuple[Outcome, Unseen]]:
+    """Return what the picks of the default aggregate do on unseen images, for the grids where their truth is known."""
+    found = [(outcome, on_unseen(outcome, SCORERS[AGGREGATE])) for outcome in outcomes]
+    return [(outcome, one) for outcome, one in found if one is not None]
 
 
 def unseen_table(outcomes: Sequence[Outcome]) -> Table:
     """Return what picks do on unseen images, beside what ground truth picks from the same runs."""
-    found = [(outcome, on_unseen(outcome, SCORERS[AGGREGATE])) for outcome in outcomes]
-    known = [(outcome, one) for outcome, one in found if one is not None]
+    known = picks_on_unseen(outcomes)
     rows = [
         [
             f"{outcome.experiment.sequence} {outcome.experiment.option.short}",
@@ -100,15 +125,10 @@ def unseen_table(outcomes: Sequence[Outcome]) -> Table:
 
 
 def _average(found: Sequence[Unseen]) -> list[str]:
-    worth = [one for one in found if one.hindsight < -WORTH_FINDING]
-    shares = [
-        mean(_share(one.by_score, one) for one in worth),
-        mean(_share(one.by_clean_truth, one) for one in worth),
-        mean(_share(one.by_seen_truth, one) for one in worth),
-    ]
-    cells = [f"{share:.0%}" if math.isfinite(share) else "-" for share in shares]
+    reached = shares(found)
+    cells = [share(one) for one in (reached.by_score, reached.by_clean_truth, reached.by_seen_truth)]
     correlations = [plain(mean(one.spearman for one in found)), plain(mean(one.clean_spearman for one in found))]
-    return [f"share of hindsight, {len(worth)} grids", *cells, "100%", *correlations]
+    return [f"share of hindsight, {reached.grids} grids", *cells, "100%", *correlations]
 
 
 def _share(change: float, one: Unseen) -> float:
