@@ -74,6 +74,27 @@ SIGMAS = MappingProxyType(
 
 DEFAULT_SIGMA = 5.0
 
+
+@dataclass(frozen=True)
+class Truth:
+    """Say in which unit a ground truth is, none where the scale is arbitrary, and how good it is."""
+
+    unit: str
+    quality: str
+
+
+TRUTHS = MappingProxyType(
+    {
+        ROOM: Truth("", "exact (rendered)"),
+        "dtu-scan24": Truth("mm", "robot arm"),
+        "fountain-P11": Truth("m", "laser, mm"),
+        "hut": Truth("", "exact (rendered)"),
+        "kitti07": Truth("m", "GPS/IMU, dm"),
+        "kitti06": Truth("m", "GPS/IMU, dm"),
+    }
+)
+UNKNOWN_TRUTH = Truth("", "unknown")
+
 WEAKER = MappingProxyType({"dtu-scan24": 0.5, "fountain-P11": 2.0})
 """A second level of noise, to see what depends on it."""
 

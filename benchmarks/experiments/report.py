@@ -10,8 +10,8 @@ from benchmarks.experiments import tables, text
 from benchmarks.experiments.figures import FOLDER, write_figures
 from benchmarks.experiments.findings import AIM, WORTH_FINDING, Findings, share_of_oracle, share_of_verdicts
 from benchmarks.experiments.numbers import known, part, percent
-from benchmarks.experiments.plan import CONFIRMATION_RUNS, FRAMES, TOP
-from benchmarks.experiments.settings import PREDICTORS, Outcome
+from benchmarks.experiments.plan import CONFIRMATION_RUNS, FRAMES, TOP, TRUTHS, UNKNOWN_TRUTH
+from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
 from benchmarks.experiments.several import several_table
 from benchmarks.experiments.unseen import picks_on_unseen, shares, unseen_table
 
@@ -112,8 +112,16 @@ def _frames() -> str:
 
 
 def _named(outcomes: Sequence[Outcome]) -> str:
-    named = [f"{one.experiment.study} {percent(one.change(one.adopted))}" for one in outcomes if one.adopted]
+    named = [_loss(one, one.adopted) for one in outcomes if one.adopted]
     return f" ({', '.join(named)})" if named else ""
+
+
+def _loss(outcome: Outcome, adopted: Setting) -> str:
+    truth = TRUTHS.get(outcome.experiment.sequence, UNKNOWN_TRUTH)
+    loss = f"{adopted.true_ate - outcome.nominal.true_ate:.1g} {truth.unit}".rstrip()
+    return (
+        f"{outcome.experiment.study} {percent(outcome.change(adopted))}, that is {loss}; ground truth {truth.quality}"
+    )
 
 
 def _as_data(outcome: Outcome) -> dict[str, Any]:

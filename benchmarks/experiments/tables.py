@@ -12,7 +12,7 @@ from benchmarks.experiments.k_delta import Curve, picks
 from benchmarks.experiments.ladder import Ladder
 from benchmarks.experiments.numbers import Table, mean, percent, plain, share, significant
 from benchmarks.experiments.paper import ROWS
-from benchmarks.experiments.plan import AGGREGATE, OPTIONS
+from benchmarks.experiments.plan import AGGREGATE, OPTIONS, TRUTHS, UNKNOWN_TRUTH
 from benchmarks.experiments.settings import AGGREGATES, PREDICTORS, Outcome, Setting
 from benchmarks.experiments.unseen import SCORERS, share_on_unseen
 from gtf_tune.gtf import find_collapsed
@@ -22,13 +22,15 @@ COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 60)
 
 def table_2(outcomes: Sequence[Outcome]) -> Table:
     """Return the picks in the shape of the paper's table."""
-    columns = ["sequence (sigma)", "nominal ATE", *(one.paper_column for one in OPTIONS.values())]
+    columns = ["sequence (sigma)", "ground truth", "nominal ATE", *(one.paper_column for one in OPTIONS.values())]
     rows = []
     for name in dict.fromkeys(one.experiment.sequence for one in outcomes):
         mine = {one.experiment.option.short: one for one in outcomes if one.experiment.sequence == name}
         first = next(iter(mine.values()))
         cells = [_cell(mine[short]) if short in mine else "not measured" for short in OPTIONS]
-        rows.append([f"{name} ({first.experiment.sigma:g})", f"{first.nominal.true_ate:.4g}", *cells])
+        truth = TRUTHS.get(name, UNKNOWN_TRUTH)
+        nominal = f"{first.nominal.true_ate:.4g} {truth.unit}".rstrip()
+        rows.append([f"{name} ({first.experiment.sigma:g})", truth.quality, nominal, *cells])
     return columns, rows
 
 
