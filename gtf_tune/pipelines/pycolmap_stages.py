@@ -16,7 +16,6 @@ calibration    the same, with focal lengths estimated                geometry, `
 
 import contextlib
 import copy
-import hashlib
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -29,6 +28,7 @@ import pycolmap
 
 from gtf_tune.errors import RunError
 from gtf_tune.pipelines.base import PipelineJob
+from gtf_tune.pipelines.file_digest import file_digest
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.pipelines.pycolmap_database import add_rows, copy_database, copy_rows, make_plain
 from gtf_tune.pipelines.pycolmap_options import OptionObjects, OptionRoot
@@ -95,7 +95,7 @@ class StagedRun:
             features=self.features_key,
             options=options,
             pairing=dict(self.options.values["pairing"]),
-            vocab_tree=_file_digest(tree) if self._uses_vocab_tree else "",
+            vocab_tree=file_digest(tree) if self._uses_vocab_tree else "",
         )
 
     @cached_property
@@ -243,8 +243,3 @@ def stage_errors(stage: str) -> Iterator[None]:
         yield
     except (RuntimeError, ValueError) as error:
         raise RunError(f"COLMAP stopped in stage '{stage}': {error}") from error
-
-
-def _file_digest(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -63,9 +63,8 @@ def startup_trials(options: int, trials: int) -> int:
 
 def _refine(space: SearchSpace, start_seed: int, seed: int) -> BaseSampler:
     axes = {axis.name: axis.distribution for axis in space.axes}
-    nominal = space.axes[0].nominal
     if len(axes) == 1 and not isinstance(space.axes[0].distribution, CategoricalDistribution):
-        return RefineSampler(float(nominal))
+        return RefineSampler(float(space.axes[0].nominal))
     return RefineManySampler(axes, start_seed, seed)
 
 

@@ -1,16 +1,15 @@
 """Find the programs of a definition on this machine, and tell their versions."""
 
-import hashlib
 import re
 import shutil
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping
-from functools import lru_cache
 from pathlib import Path
 
 from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines.command.definition import CommandDefinition, words_of
 from gtf_tune.pipelines.command.templates import NoValueError, Value, fields_of, filled
+from gtf_tune.pipelines.file_digest import file_digest
 from gtf_tune.pipelines.run import digest
 
 _VERSION_TIMEOUT_S = 60
@@ -40,19 +39,6 @@ def program_version(definition: CommandDefinition, parameters: Mapping[str, Valu
         return _asked_version(definition, parameters)
     programs = [shutil.which(_program(words_of(step.arguments), parameters)) for step in definition.all_steps]
     return "sha256:" + digest([file_digest(Path(str(program))) for program in programs])[:_SHORT_DIGEST]
-
-
-def file_digest(path: Path) -> str:
-    """Return the hex SHA-256 of a file, computed once for as long as its size and time stay."""
-    status = path.stat()
-    return _digest_of(path, status.st_size, status.st_mtime_ns)
-
-
-@lru_cache(maxsize=256)
-def _digest_of(path: Path, size: int, modified_ns: int) -> str:
-    del size, modified_ns
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _program(words: Iterable[str], parameters: Mapping[str, Value]) -> str:

@@ -14,8 +14,9 @@ from gtf_tune.pipelines.command.definition import CommandDefinition, ParameterDe
 from gtf_tune.pipelines.command.faults import numbered, read_command
 from gtf_tune.pipelines.command.file_defaults import with_file_defaults
 from gtf_tune.pipelines.command.presets import load_preset, preset_names
-from gtf_tune.pipelines.command.programs import file_digest, program_faults, program_version
+from gtf_tune.pipelines.command.programs import program_faults, program_version
 from gtf_tune.pipelines.command.templates import Value
+from gtf_tune.pipelines.file_digest import file_digest
 from gtf_tune.pipelines.run import digest
 
 _MERGED = ("options", "environment", "parameters")

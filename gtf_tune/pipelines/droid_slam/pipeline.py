@@ -16,9 +16,9 @@ from gtf_tune.pipelines.command.camera import DISTORTION, opencv_camera
 from gtf_tune.pipelines.command.definition import OutputDefinition
 from gtf_tune.pipelines.command.output import read_output
 from gtf_tune.pipelines.command.process import ProgramExit, check_exit, run_program
-from gtf_tune.pipelines.command.programs import file_digest
 from gtf_tune.pipelines.cuda_lock import cuda_device, cuda_lock
 from gtf_tune.pipelines.droid_slam.options import OPTIONS
+from gtf_tune.pipelines.file_digest import file_digest
 from gtf_tune.pipelines.options import OptionTable
 from gtf_tune.pipelines.run import digest
 from gtf_tune.pipelines.settings import Setting, read_settings
