@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from statistics import fmean
 from typing import Literal
 
@@ -62,7 +63,7 @@ class PointSet:
         """Return what ``ground_truth`` is, without its unit."""
         return self.truth_label.rsplit(" [", 1)[0]
 
-    @property
+    @cached_property
     def scored(self) -> tuple[TrialPoint, ...]:
         """Return the feasible points."""
         return tuple(point for point in self.points if point.is_scored)
