@@ -41,11 +41,10 @@ def trajectories_panel(report: ReportInput) -> list[Block]:
 def matrices_panel(report: ReportInput) -> list[Block]:
     """Return the matrix of errors of each compared trial on each sequence, in common colours."""
     data, unit = report.data, sequence_unit(report.data.definition.gtf)
+    compared = compared_trials(data)
     blocks: list[Block] = []
     for sequence in data.sequences:
-        found = [
-            (name, ordinal, sequence_detail(data, ordinal, sequence.name)) for name, ordinal in compared_trials(data)
-        ]
+        found = [(name, ordinal, sequence_detail(data, ordinal, sequence.name)) for name, ordinal in compared]
         colours = matrix_range([detail for _, _, detail in found], unit)
         for name, ordinal, detail in found:
             if not detail.matrix.size:

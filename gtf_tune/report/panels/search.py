@@ -2,6 +2,8 @@
 
 import math
 
+import optuna
+
 from gtf_tune.report import markup
 from gtf_tune.report.figures.search import coverage_figure, history_figure, importance_figure, parallel_figure
 from gtf_tune.report.markup import Html
@@ -32,7 +34,7 @@ def search_panel(report: ReportInput) -> list[Block]:
         blocks.append(
             markup.paragraph("Infeasible trials have no value; they are drawn above the worst feasible one.", "note")
         )
-    return [*blocks, _importance(report, points)]
+    return [*blocks, _importance(study, points)]
 
 
 def trials_panel(report: ReportInput) -> list[Block]:
@@ -69,13 +71,12 @@ def _floors(data: StudyData, sequence: str) -> list[tuple[str, float]]:
     return [(f"{name} clean runs".strip(), found.clean), (f"{name} noisy runs".strip(), found.noisy)]
 
 
-def _importance(report: ReportInput, points: PointSet) -> Block:
+def _importance(study: optuna.Study, points: PointSet) -> Block:
     complete = [point for point in points.points if point.is_scored or point.state == "infeasible"]
     if len(complete) < _FEWEST_FOR_IMPORTANCE:
         return markup.missing(
             f"Importances need at least {_FEWEST_FOR_IMPORTANCE} complete trials; the study has {len(complete)}."
         )
-    study = optuna_copy(points, searched_axes(report.data))
     return Drawing("importance", "Importance of the options (PED-ANOVA)", importance_figure(study), is_wide=True)
 
 
