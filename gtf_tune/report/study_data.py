@@ -1,6 +1,6 @@
 """Read what a report shows from the database."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -80,7 +80,7 @@ def read_trials(database: Database, name: str, ordinals: Sequence[int]) -> Study
     study = studies.get(database, name)
     found = [trials.get(database, study.id, ordinal) for ordinal in dict.fromkeys(ordinals)]
     used = [one for trial in found for one in runs.of_trial(database, trial.id)]
-    return replace(_with_trials(database, study, found), runs=tuple(used))
+    return replace(_with_trials(database, study, found, ordinals), runs=tuple(used))
 
 
 def read_study(database: Database, name: str) -> StudyData:
@@ -100,7 +100,9 @@ def read_study(database: Database, name: str) -> StudyData:
     )
 
 
-def _with_trials(database: Database, study: Study, found: Sequence[Trial]) -> StudyData:
+def _with_trials(
+    database: Database, study: Study, found: Sequence[Trial], ordinals: Collection[int] | None = None
+) -> StudyData:
     definition = stored_definition(study)
     known = studies.sequences(database, study.id)
     searched = {one.name for one in definition.searched_sequences}
@@ -112,7 +114,7 @@ def _with_trials(database: Database, study: Study, found: Sequence[Trial]) -> St
         holdouts=tuple(one for one in known if one.name not in searched),
         trials=tuple(found),
         details={one.ordinal: by_id.get(one.id) or {} for one in found},
-        validations=validations.of_study(database, study.id),
+        validations=validations.of_study(database, study.id, ordinals),
         confirmations=tuple(confirmations.of_study(database, study.id)),
         storage=database.shown_url,
     )

@@ -1,6 +1,6 @@
 """Store the side metric against ground truth, apart from everything that searches."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -42,14 +42,19 @@ def save(database: Database, trial_id: int, validations: Sequence[Validation]) -
     write(database, work)
 
 
-def of_study(database: Database, study_id: int) -> dict[int, list[Validation]]:
-    """Return the side metrics of a study by the ordinal of the trial; trials without any are absent."""
+def of_study(database: Database, study_id: int, ordinals: Collection[int] | None = None) -> dict[int, list[Validation]]:
+    """Return the side metrics of a study by the ordinal of the trial; trials without any are absent.
+
+    ``ordinals`` are the trials to look at, all where there are none given.
+    """
     query = (
         select(models.Trial.ordinal, *columns_of(models.Validation, Validation))
         .join(models.Trial, models.Trial.id == models.Validation.trial_id)
         .where(models.Trial.study_id == study_id)
         .order_by(models.Trial.ordinal, models.Validation.sequence_name)
     )
+    if ordinals is not None:
+        query = query.where(models.Trial.ordinal.in_(ordinals))
     found: dict[int, list[Validation]] = {}
     for ordinal, *columns in read_rows(database, query):
         found.setdefault(ordinal, []).append(Validation(*columns))
