@@ -10,7 +10,7 @@ from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.store import models
 from gtf_tune.store.database import Database
-from gtf_tune.store.rows import columns_of
+from gtf_tune.store.rows import chunks, columns_of
 from gtf_tune.store.session import read_rows
 from gtf_tune.store.slots import TrialState
 
@@ -131,8 +131,12 @@ def best(database: Database, study_id: int, before: int | None = None) -> Trial 
 
 def details(database: Database, trial_ids: list[int]) -> dict[int, Mapping[str, Any]]:
     """Return the matrices that were stored with each trial."""
-    query = select(models.Trial.id, models.Trial.detail).where(models.Trial.id.in_(trial_ids))
-    return {row[0]: row[1] for row in read_rows(database, query)}
+    query = select(models.Trial.id, models.Trial.detail)
+    return {
+        row[0]: row[1]
+        for some in chunks(trial_ids)
+        for row in read_rows(database, query.where(models.Trial.id.in_(some)))
+    }
 
 
 def version_mismatches(database: Database, study_id: int, ordinals: Collection[int] | None = None) -> dict[int, str]:
