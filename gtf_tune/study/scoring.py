@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gtf_tune.gtf import aggregate_instances
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.pipelines.run import RunKind
 from gtf_tune.store.runs import RunUse
@@ -49,13 +48,13 @@ class TrialRuns:
     options: Mapping[str, OptionValue]
     ordinal: int
     _obtained: dict[RunSlot, ObtainedRun] = field(default_factory=dict)
+    _finished: dict[RunSlot, FinishedRun] = field(default_factory=dict)
 
     def score(self, noisy: int, reference: Reference) -> ScoredTrial:
         """Return the score from all clean runs and the first ``noisy`` noisy ones."""
         clean_runs = self.study.definition.gtf.clean_runs
         obtained = self._obtain(run_order(clean_runs, noisy))
-        found = trajectories(self.source.database, [one.run.key for one in obtained.values()])
-        finished = {slot: FinishedRun(found[one.run.key], one.run.error) for slot, one in obtained.items()}
+        finished = {slot: self._finished[slot] for slot in obtained}
         by_sequence = {name: _of_kind(finished, name) for name in self.study.sequences}
         gtf = self.study.definition.gtf
         scores = {
@@ -82,30 +81,35 @@ class TrialRuns:
         )
 
     def _obtain(self, order: list[tuple[RunKind, int]]) -> dict[RunSlot, ObtainedRun]:
-        planner = self.study.planner
-        requests = {
-            RunSlot(name, kind, index): planner.request(
-                sequence, self.options, (kind, index), sigma=self.study.sigmas[name], ordinal=self.ordinal
+        planner, sequences = self.study.planner, self.study.sequences
+        slots = [RunSlot(name, kind, index) for kind, index in order for name in sequences]
+        missing = {
+            slot: planner.request(
+                sequences[slot.sequence],
+                self.options,
+                (slot.kind, slot.index),
+                sigma=self.study.sigmas[slot.sequence],
+                ordinal=self.ordinal,
             )
-            for kind, index in order
-            for name, sequence in self.study.sequences.items()
+            for slot in slots
+            if slot not in self._obtained
         }
-        missing = {slot: request for slot, request in requests.items() if slot not in self._obtained}
-        self._obtained.update(self.source.obtain(missing))
-        return {slot: self._obtained[slot] for slot in requests}
+        obtained = self.source.obtain(missing)
+        found = trajectories(self.source.database, [one.run.key for one in obtained.values()])
+        self._obtained.update(obtained)
+        self._finished.update((slot, FinishedRun(found[one.run.key], one.run.error)) for slot, one in obtained.items())
+        return {slot: self._obtained[slot] for slot in slots}
 
     def _instances(self, score: TrialScore, reference: Reference) -> tuple[float, ...]:
         if not score.feasible:
             return ()
-        aggregate = self.study.definition.gtf.aggregate
         rows = []
         for name, one in score.by_sequence.items():
             if one.score is None:
                 return ()
-            values = aggregate_instances(one.score.matrix, aggregate)
             scale = reference.nominal_scores.get(name, one.score.value) if len(score.by_sequence) > 1 else 1.0
             tiny = np.finfo(np.float64).tiny
-            rows.append(np.log(np.maximum(values, tiny) / max(scale, tiny)))
+            rows.append(np.log(np.maximum(one.score.instance_values, tiny) / max(scale, tiny)))
         return tuple(float(value) for value in np.exp(np.mean(rows, axis=0)))
 
 
