@@ -162,8 +162,8 @@ def _kept(scores: Mapping[int, float]) -> Sequence[int]:
     """Return the positions of the trials that the surface goes through, at most `MOST_POINTS`."""
     if len(scores) <= MOST_POINTS:
         return list(scores)
-    best = sorted(scores, key=lambda index: scores[index])[: MOST_POINTS // 2]
-    others = [index for index in scores if index not in set(best)]
+    best = set(sorted(scores, key=lambda index: scores[index])[: MOST_POINTS // 2])
+    others = [index for index in scores if index not in best]
     return sorted([*best, *others[-(MOST_POINTS - len(best)) :]])
 
 

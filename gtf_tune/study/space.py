@@ -45,9 +45,10 @@ class SearchSpace:
 
     def grid(self) -> Iterator[dict[str, OptionValue]]:
         """Yield every grid point except nominal, the last axis turning fastest."""
+        nominal = self.nominal
         for values in itertools.product(*(axis.grid for axis in self.axes)):
             point = {axis.name: value for axis, value in zip(self.axes, values, strict=True)}
-            if point != self.nominal:
+            if point != nominal:
                 yield point
 
     def grid_size(self) -> int:
