@@ -125,11 +125,10 @@ class DaskExecutor:
             return
         try:
             item.future.set_result(done.result())
-        except CancelledError as error:
+        except CancelledError:
             item.future.set_exception(
                 StorageError(f"the Dask scheduler at {self._address} is gone; start it again, then resume the study")
             )
-            del error
         except Exception as error:  # handed on to whoever asks the future, as every executor does
             item.future.set_exception(error)
 

@@ -12,7 +12,8 @@ def copy_database(source: Path, target: Path, *, without: Collection[str] = ()) 
     The copy is one plain file that opens read-only, not in SQLite's write-ahead mode in which COLMAP leaves its own.
     """
     with _attached(source, target) as connection:
-        connection.execute(f"PRAGMA user_version = {_one(connection, 'PRAGMA source.user_version')}")
+        (version,) = connection.execute("PRAGMA source.user_version").fetchone()
+        connection.execute(f"PRAGMA user_version = {version}")
         schema = "SELECT type, name, sql FROM source.sqlite_master WHERE sql NOT NULL AND name NOT LIKE 'sqlite_%'"
         items = connection.execute(schema).fetchall()
         for _, _, statement in items:
@@ -52,10 +53,6 @@ def _attached(source: Path, target: Path) -> Iterator[sqlite3.Connection]:
 def _frozen(path: Path) -> str:
     """Return the address of a database that nobody writes to, so that SQLite creates no files beside it."""
     return f"{path.absolute().as_uri()}?immutable=1"
-
-
-def _one(connection: sqlite3.Connection, query: str) -> int:
-    return int(connection.execute(query).fetchone()[0])
 
 
 def make_plain(path: Path) -> None:

@@ -161,11 +161,8 @@ class StagedRun:
     def _matches(self) -> Path:
         return self.reach("matches", self.matches_key, self._build_matches) / DATABASE
 
-    def _build_images(self, folder: Path) -> None:
-        self.job.images.write(folder)
-
     def _build_features(self, folder: Path) -> None:
-        images = self.reach("images", self.job.images.key, self._build_images)
+        images = self.reach("images", self.job.images.key, self.job.images.write)
         pycolmap.extract_features(
             folder / DATABASE,
             images,

@@ -55,7 +55,7 @@ def figure_id(name: str) -> str:
 def figure_json(figure: object) -> str:
     """Return the JSON of a figure in a form that can stand inside a script element."""
     content = json.loads(figure.to_json())  # type: ignore[attr-defined]
-    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c").replace("\u2028", "\\u2028")
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _header(head: PageHead) -> Html:

@@ -54,7 +54,7 @@ def prepare(command: ResolvedCommand, job: PipelineJob) -> RunInputs:
     for file in definition.files:
         if _write_file(file, job, workspace, names, values, definition.boolean_words):
             values[f"file:{file.path}"] = workspace / file.path
-    _write_settings_files(definition, workspace, values, options)
+    _write_settings_files(definition, values, options)
     return RunInputs(values, names, options)
 
 
@@ -175,7 +175,7 @@ def _write_file(
 
 
 def _write_settings_files(
-    definition: CommandDefinition, workspace: Path, values: Mapping[str, Value], options: Mapping[str, OptionValue]
+    definition: CommandDefinition, values: Mapping[str, Value], options: Mapping[str, OptionValue]
 ) -> None:
     for file in definition.settings_files:
         template = Path(filled(file.template, values))

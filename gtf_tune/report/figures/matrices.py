@@ -38,7 +38,7 @@ def matrix_figure(detail: SequenceDetail, unit: ScoreUnit, colours: tuple[float,
         colorscale=theme.ERROR_SCALE,
         xgap=2,
         ygap=2,
-        text=_labels(detail, values),
+        text=_labels(values),
         texttemplate="%{text}" if rows * columns <= _MOST_LABELLED else None,
         hovertext=[[_hover(detail, values, i, j, unit) for j in range(columns)] for i in range(rows)],
         hoverinfo="text",
@@ -64,7 +64,7 @@ def matrix_figure(detail: SequenceDetail, unit: ScoreUnit, colours: tuple[float,
     return drawn
 
 
-def _labels(detail: SequenceDetail, values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[list[str]]:
+def _labels(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[list[str]]:
     return [["failed" if math.isnan(value) else significant(float(value)) for value in row] for row in values]
 
 

@@ -86,18 +86,18 @@ def coverage_figure(points: PointSet, floors: Sequence[tuple[str, float]]) -> go
     """Return the coverage of each trial, with the floors below which a trial is infeasible."""
     drawn = theme.figure(height=320)
     styles = {
-        "feasible": (theme.GTF, "circle", "feasible"),
-        "infeasible": (theme.WRONG, "x", "infeasible"),
-        "pruned": (theme.REPROJECTION, "triangle-down", "pruned"),
+        "feasible": (theme.GTF, "circle"),
+        "infeasible": (theme.WRONG, "x"),
+        "pruned": (theme.REPROJECTION, "triangle-down"),
     }
-    for state, (colour, symbol, name) in styles.items():
+    for state, (colour, symbol) in styles.items():
         chosen = [point for point in points.points if point.state == state and math.isfinite(point.coverage)]
         if chosen:
             drawn.add_scatter(
                 x=[point.ordinal for point in chosen],
                 y=[100 * point.coverage for point in chosen],
                 mode="markers",
-                name=name,
+                name=state,
                 marker={"color": colour, "symbol": symbol, "size": 8},
                 hovertext=[trial_text(point, points) for point in chosen],
                 hoverinfo="text",
