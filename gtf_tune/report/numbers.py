@@ -19,11 +19,11 @@ def significant(value: float, digits: int = 3) -> str:
     return f"{value:.0f}" if whole else f"{value:.{digits}g}"
 
 
-def interval(low: float, high: float, digits: int = 3) -> str:
-    """Return the two ends of an interval."""
+def interval(low: float, high: float) -> str:
+    """Return the two ends of an interval, with three significant digits each."""
     if not (math.isfinite(low) and math.isfinite(high)):
         return UNKNOWN
-    return f"{significant(low, digits)} to {significant(high, digits)}"
+    return f"{significant(low)} to {significant(high)}"
 
 
 def percent(fraction: float) -> str:
@@ -59,9 +59,9 @@ def memory(count_bytes: float) -> str:
     return f"{count_bytes / _GIB:.3g} GB" if count_bytes >= _GIB else f"{count_bytes / _MIB:.3g} MB"
 
 
-def count(number: int, singular: str, plural: str = "") -> str:
+def count(number: int, singular: str) -> str:
     """Return a number with its noun: 1 trial, 2 trials."""
-    return f"{number} {singular if number == 1 else plural or singular + 's'}"
+    return f"{number} {singular if number == 1 else singular + 's'}"
 
 
 def value_text(value: object) -> str:
