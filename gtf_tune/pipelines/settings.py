@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 from gtf_tune.errors import DefinitionError
+from gtf_tune.pipelines.options import option_text
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ def read_settings(pipeline: str, known: Mapping[str, Setting], given: Mapping[st
     if any(faults):
         raise DefinitionError(f"pipeline '{pipeline}': " + "; ".join(fault for fault in faults if fault))
     values = {name: setting.default for name, setting in known.items()}
-    return values | {name: _text(value) for name, value in given.items()}
+    return values | {name: option_text(value) for name, value in given.items()}
 
 
 def _fault(known: Mapping[str, Setting], name: str, value: object) -> str:
@@ -38,10 +39,6 @@ def _fault(known: Mapping[str, Setting], name: str, value: object) -> str:
         return f"unknown setting '{name}'; {hint}"
     if not isinstance(value, str | int | float):
         return f"setting '{name}' must be a short value, not {value!r}"
-    if setting.choices and _text(value) not in setting.choices:
+    if setting.choices and option_text(value) not in setting.choices:
         return f"setting '{name}' must be one of {', '.join(setting.choices)}, not {value!r}"
     return ""
-
-
-def _text(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)

@@ -17,6 +17,7 @@ from gtf_tune.pipelines.command.presets import load_preset, preset_names
 from gtf_tune.pipelines.command.programs import program_faults, program_version
 from gtf_tune.pipelines.command.templates import Value
 from gtf_tune.pipelines.file_digest import file_digest
+from gtf_tune.pipelines.options import option_text
 from gtf_tune.pipelines.run import digest
 
 _MERGED = ("options", "environment", "parameters")
@@ -141,7 +142,7 @@ def _parameter(name: str, parameter: ParameterDefinition, value: object) -> Valu
     if parameter.choices and str(value) not in parameter.choices:
         raise DefinitionError(f"'{name}' must be one of {', '.join(parameter.choices)}, not {value!r}")
     if parameter.kind == "text":
-        return str(value).lower() if isinstance(value, bool) else str(value)
+        return option_text(value)
     if parameter.kind == "executable":
         return _executable(name, str(value))
     path = Path(str(value)).expanduser().absolute()

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gtf_tune.errors import DefinitionError
+from gtf_tune.pipelines.options import option_text
 from gtf_tune.pipelines.settings_files.scalars import read_scalar
 
 _SECTION = re.compile(r"\s*\[(?P<name>[^\]]+)\]")
@@ -87,7 +88,7 @@ def _end_of(section: str, lines: list[str]) -> int:
 
 
 def _formatted(key: str, value: bool | int | float | str) -> str:
-    words = str(value).lower() if isinstance(value, bool) else str(value)
+    words = option_text(value)
     if "\n" in words or "\r" in words:
         raise DefinitionError(f"the value of '{key}' has a line break, which an INI file cannot hold")
     return words
