@@ -1,4 +1,4 @@
-"""Define every error that gtf-tune raises on purpose.
+"""Define every error that gtf-tune raises on purpose, and word what their messages have in common.
 
 ::
 
@@ -15,6 +15,9 @@
 Every message is one sentence (what was expected, what came, where), then what to do. The command line prints it and
 exits with 1; any other exception is a defect and keeps its traceback.
 """
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 
 
 class GtfTuneError(Exception):
@@ -51,3 +54,19 @@ class UnreachableError(StorageError):
 
 class DeletedError(StorageError):
     """Signal that someone deleted a study while it was worked on."""
+
+
+def did_you_mean(name: str, known: Iterable[str], *, most: int = 2, cutoff: float = 0.6, otherwise: str = "") -> str:
+    """Return the question whether a near name was meant, or ``otherwise`` where none is near.
+
+    ``cutoff`` in [0, 1] is how alike names must be (`difflib.get_close_matches`), ``most`` how many are asked about.
+    """
+    near = get_close_matches(name, list(known), most, cutoff)
+    return f"did you mean {' or '.join(map(repr, near))}?" if near else otherwise
+
+
+def numbered(faults: Sequence[str]) -> str:
+    """Return all faults in one line, numbered where there are several."""
+    if len(faults) == 1:
+        return faults[0]
+    return f"{len(faults)} faults: " + "; ".join(f"({number}) {fault}" for number, fault in enumerate(faults, start=1))

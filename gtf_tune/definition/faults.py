@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from gtf_tune.definition.model import StudyDefinition
 from gtf_tune.definition.space import RangeAxis, ValuesAxis
+from gtf_tune.errors import did_you_mean
 
 Place = tuple[int | str, ...]
 
@@ -148,10 +149,7 @@ def _dotted(place: Place) -> str:
 
 
 def _unknown_key(place: Place, known: list[str]) -> str:
-    near = get_close_matches(str(place[-1]), known, n=2, cutoff=0.55)
-    hint = (
-        f"did you mean {' or '.join(repr(one) for one in near)}?" if near else f"known are {', '.join(sorted(known))}"
-    )
+    hint = did_you_mean(str(place[-1]), known, cutoff=0.55, otherwise=f"known are {', '.join(sorted(known))}")
     return f"unknown key '{_dotted(place)}'; {hint}"
 
 

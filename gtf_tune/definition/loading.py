@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from gtf_tune.definition.faults import fault_sentences
 from gtf_tune.definition.model import StudyDefinition
-from gtf_tune.errors import DefinitionError
+from gtf_tune.errors import DefinitionError, numbered
 
 _Section = TypeVar("_Section", bound=BaseModel)
 
@@ -52,7 +52,7 @@ def definition_from_dict(
         found = fault_sentences(error, StudyDefinition, data, hints)
     found += [fault for fault in faults if fault not in found]
     if definition is None or found:
-        raise DefinitionError(f"{source}: {_numbered(found)}")
+        raise DefinitionError(f"{source}: {numbered(found)}")
     return definition
 
 
@@ -61,16 +61,9 @@ def section_from_dict(model: type[_Section], data: Mapping[str, Any], source: st
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise DefinitionError(f"{source}: {_numbered(fault_sentences(error, model, data, {}))}") from error
+        raise DefinitionError(f"{source}: {numbered(fault_sentences(error, model, data, {}))}") from error
 
 
 def dump_definition(definition: StudyDefinition) -> str:
     """Return the definition as canonical JSON, the form in which the database keeps it."""
     return json.dumps(definition.model_dump(mode="json"), sort_keys=True)
-
-
-def _numbered(faults: list[str]) -> str:
-    if len(faults) == 1:
-        return faults[0]
-    listed = "; ".join(f"({number}) {fault}" for number, fault in enumerate(faults, start=1))
-    return f"{len(faults)} faults: {listed}"

@@ -1,13 +1,12 @@
 """Find pipelines by name: the built-in ones and those that other packages install."""
 
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 from typing import cast
 
-from gtf_tune.errors import DefinitionError
+from gtf_tune.errors import DefinitionError, did_you_mean
 from gtf_tune.pipelines.base import Pipeline
 
 PipelineFactory = Callable[[Mapping[str, object]], Pipeline]
@@ -66,6 +65,5 @@ def _installed() -> dict[str, EntryPoint]:
 
 def _unknown(name: str) -> str:
     names = pipeline_names()
-    near = get_close_matches(name, names, n=2, cutoff=0.5)
-    hint = f"did you mean {' or '.join(repr(one) for one in near)}" if near else f"is it one of {', '.join(names)}"
-    return f"unknown pipeline '{name}'; {hint}? Run 'gtf-tune pipeline list'"
+    hint = did_you_mean(name, names, cutoff=0.5, otherwise=f"is it one of {', '.join(names)}?")
+    return f"unknown pipeline '{name}'; {hint} Run 'gtf-tune pipeline list'"

@@ -3,13 +3,12 @@
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from typing import Any, Literal, cast
 
 from sqlalchemy import case, delete, func, or_, select, update
 from sqlalchemy.orm import Session
 
-from gtf_tune.errors import DeletedError, StorageError
+from gtf_tune.errors import DeletedError, StorageError, did_you_mean
 from gtf_tune.store import models
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna_tables import delete_optuna_study
@@ -143,11 +142,10 @@ def get(database: Database, name: str) -> Study:
     found = read(database, lambda session: _find(session, name))
     if found is not None:
         return found
-    near = get_close_matches(name, names(database), n=3)
-    hint = f"did you mean {' or '.join(repr(one) for one in near)}? Run" if near else "run"
+    hint = did_you_mean(name, names(database), most=3)
     raise StorageError(
-        f"there is no study '{name}' in {database.shown_url}; {hint} 'gtf-tune study list --storage "
-        f"{database.shown_url}'"
+        f"there is no study '{name}' in {database.shown_url}; {f'{hint} Run' if hint else 'run'} "
+        f"'gtf-tune study list --storage {database.shown_url}'"
     )
 
 

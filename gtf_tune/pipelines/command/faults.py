@@ -1,7 +1,7 @@
 """Find everything that is wrong with the definition of a command, before anything runs."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -33,13 +33,6 @@ def read_command(data: Mapping[str, Any]) -> tuple[CommandDefinition, list[str]]
     except ValidationError as error:
         return CommandDefinition(), list(dict.fromkeys(_sentence(one) for one in error.errors()))
     return definition, list(_faults(definition))
-
-
-def numbered(faults: Sequence[str]) -> str:
-    """Return all faults in one line."""
-    if len(faults) == 1:
-        return faults[0]
-    return f"{len(faults)} faults: " + "; ".join(f"({index}) {fault}" for index, fault in enumerate(faults, start=1))
 
 
 def _sentence(error: Any) -> str:

@@ -1,11 +1,10 @@
 """Find the definitions of programs that come with gtf-tune."""
 
 import tomllib
-from difflib import get_close_matches
 from importlib.resources import files
 from typing import Any
 
-from gtf_tune.errors import DefinitionError
+from gtf_tune.errors import DefinitionError, did_you_mean
 
 _SUFFIX = ".toml"
 
@@ -19,12 +18,7 @@ def preset_names() -> tuple[str, ...]:
 def load_preset(name: str) -> dict[str, Any]:
     """Return the tables of a preset, or raise `DefinitionError` with the nearest names."""
     if name not in preset_names():
-        near = get_close_matches(name, preset_names(), n=2, cutoff=0.4)
-        hint = (
-            f"did you mean {' or '.join(repr(one) for one in near)}?"
-            if near
-            else f"known are {', '.join(preset_names())}"
-        )
+        hint = did_you_mean(name, preset_names(), cutoff=0.4, otherwise=f"known are {', '.join(preset_names())}")
         raise DefinitionError(f"there is no preset '{name}'; {hint}")
     path = files("gtf_tune.pipelines") / "presets" / f"{name}{_SUFFIX}"
     return tomllib.loads(path.read_text(encoding="utf-8"))

@@ -5,13 +5,12 @@ import shutil
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from gtf_tune.errors import DefinitionError
+from gtf_tune.errors import DefinitionError, did_you_mean, numbered
 from gtf_tune.pipelines.command.definition import CommandDefinition, ParameterDefinition, words_of
-from gtf_tune.pipelines.command.faults import numbered, read_command
+from gtf_tune.pipelines.command.faults import read_command
 from gtf_tune.pipelines.command.file_defaults import with_file_defaults
 from gtf_tune.pipelines.command.presets import load_preset, preset_names
 from gtf_tune.pipelines.command.programs import program_faults, program_version
@@ -111,8 +110,7 @@ def _unknown(definition: CommandDefinition, given: Mapping[str, object]) -> Iter
     known = [*definition.parameters, *CommandDefinition.model_fields]
     for name in given:
         if name not in definition.parameters:
-            near = get_close_matches(name, known, n=2, cutoff=0.5)
-            hint = f"did you mean {' or '.join(map(repr, near))}?" if near else f"known are {', '.join(known)}"
+            hint = did_you_mean(name, known, cutoff=0.5, otherwise=f"known are {', '.join(known)}")
             yield f"unknown setting '{name}'; {hint}"
 
 

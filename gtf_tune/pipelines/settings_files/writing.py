@@ -2,11 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 
-from gtf_tune.errors import DefinitionError
+from gtf_tune.errors import DefinitionError, did_you_mean
 from gtf_tune.pipelines.settings_files import ini_lines, json_spans, toml_lines, yaml_lines
 
 SettingValue = bool | int | float | str
@@ -101,6 +100,5 @@ def write_values(text: str, form: str, values: Mapping[str, SettingValue], add_m
 
 
 def _missing(key: str, present: tuple[str, ...]) -> str:
-    near = get_close_matches(key, present, n=2, cutoff=0.5)
-    hint = f"did you mean {' or '.join(repr(one) for one in near)}?" if near else "add it to the file"
+    hint = did_you_mean(key, present, cutoff=0.5, otherwise="add it to the file")
     return f"the settings file has no key '{key}'; {hint}"

@@ -1,10 +1,9 @@
 """Find the layout of a data set."""
 
 import shlex
-from difflib import get_close_matches
 from pathlib import Path
 
-from gtf_tune.errors import SequenceError
+from gtf_tune.errors import SequenceError, did_you_mean
 from gtf_tune.sequence.images import IMAGE_KINDS
 from gtf_tune.sequence.layouts.base import Layout
 from gtf_tune.sequence.layouts.colmap import COLMAP
@@ -80,6 +79,5 @@ def _named(name: str) -> Layout:
     for layout in _LAYOUTS:
         if layout.name == name:
             return layout
-    near = get_close_matches(name, layout_names(), n=2)
-    hint = f"did you mean {' or '.join(repr(one) for one in near)}? " if near else ""
-    raise SequenceError(f"unknown layout '{name}'; {hint}The layouts are {', '.join(layout_names())}")
+    hint = did_you_mean(name, layout_names())
+    raise SequenceError(f"unknown layout '{name}'; {hint and f'{hint} '}The layouts are {', '.join(layout_names())}")
