@@ -82,7 +82,8 @@ def extend(
 
     Example: gtf-tune study extend photos --trials 80
     """
-    from gtf_tune.study.extend import Extension, derive_study, extend_study, has_trials_left
+    from gtf_tune.study.extend import Extension, derive_study, extend_study
+    from gtf_tune.study.opened import trials_left
 
     hush_optuna()
     database = open_storage(storage)
@@ -91,7 +92,7 @@ def extend(
     if new_name is None:
         extended = extend_study(database, name, extension)
         say(f"extended study '{name}'; workers that are at it now notice when they are started again")
-        if not has_trials_left(database, extended):
+        if not trials_left(database, extended):
             say("all of its trials are done, so nothing searches the new range yet; give it more trials")
             say(f"Next: gtf-tune study extend {name} --trials N{storage_flag(database)}")
             return

@@ -17,8 +17,7 @@ from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
 from gtf_tune.study.create import checked_definition, create_study
-from gtf_tune.study.opened import make_pipeline, trial_budget
-from gtf_tune.study.space import build_space
+from gtf_tune.study.opened import defined_budget, make_pipeline
 from gtf_tune.study.stored import stored_definition
 
 # Optuna's gp and qmc go by the ranges of the first trials: the one then draws at random, the other stays inside them.
@@ -69,14 +68,6 @@ def derive_study(database: Database, name: str, extension: Extension, new_name: 
     definition = stored_definition(study)
     data = _changed(definition, extension) | {"name": new_name}
     return create_study(database, checked_definition(data, f"study '{new_name}'"), Path(study.root))
-
-
-def has_trials_left(database: Database, study: Study) -> bool:
-    """Tell whether a study has a trial to begin or to end."""
-    definition = stored_definition(study)
-    counts = trials.counts(database, study.id)
-    budget = trial_budget(definition, build_space(definition, make_pipeline(definition).options))
-    return bool(counts.get("claimed")) or sum(counts.values()) < budget
 
 
 def _changed(definition: StudyDefinition, extension: Extension) -> dict[str, Any]:
@@ -134,7 +125,7 @@ def _axis_fault(definition: StudyDefinition, option: str, axis: Mapping[str, Any
 
 def _refuse_too_few(database: Database, study: Study, extended: StudyDefinition) -> None:
     handed_out = sum(trials.counts(database, study.id).values())
-    budget = trial_budget(extended, build_space(extended, make_pipeline(extended).options))
+    budget = defined_budget(extended)
     if budget < handed_out:
         raise DefinitionError(
             f"study '{study.name}' has {handed_out} trials already, more than {budget}; raise --trials"

@@ -10,11 +10,13 @@ from gtf_tune.definition import DEFAULT_TRIALS, SequenceDefinition, StudyDefinit
 from gtf_tune.errors import SequenceError
 from gtf_tune.pipelines import Pipeline, create_pipeline
 from gtf_tune.sequence import FEWEST_FRAMES, Camera, Selection, Sequence, load_sequence
+from gtf_tune.store import trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
 from gtf_tune.study.plan import RunPlanner
 from gtf_tune.study.seeds import SeedSource
-from gtf_tune.study.space import SearchSpace
+from gtf_tune.study.space import SearchSpace, build_space
+from gtf_tune.study.stored import stored_definition
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,18 @@ def trial_budget(definition: StudyDefinition, space: SearchSpace) -> int:
         size = space.grid_size()
         return min(size, definition.search.trials or size)
     return definition.search.trials or DEFAULT_TRIALS
+
+
+def defined_budget(definition: StudyDefinition) -> int:
+    """Return the number of trials of a study by its definition alone; makes its pipeline, which has the options."""
+    return trial_budget(definition, build_space(definition, make_pipeline(definition).options))
+
+
+def trials_left(database: Database, study: Study) -> int:
+    """Return how many trials a stored study has to begin or to end."""
+    counts = trials.counts(database, study.id)
+    budget = defined_budget(stored_definition(study))
+    return max(budget - sum(counts.values()), 0) + counts.get("claimed", 0)
 
 
 def load_defined_sequence(definition: SequenceDefinition, root: Path, override: Path | None = None) -> Sequence:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from gtf_tune.errors import DeletedError, GtfTuneError, StorageError
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.store import studies, trials
+from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import StoredRun
 from gtf_tune.store.studies import Study
@@ -16,9 +16,8 @@ from gtf_tune.study.create import open_study
 from gtf_tune.study.evaluation import RunSlot
 from gtf_tune.study.events import Silent, StudyListener, TrialEnd
 from gtf_tune.study.heartbeat import GRACE_S, INTERVAL_S
-from gtf_tune.study.opened import OpenStudy, make_pipeline, trial_budget
+from gtf_tune.study.opened import OpenStudy, trials_left
 from gtf_tune.study.places import SequencePlaces
-from gtf_tune.study.space import build_space
 from gtf_tune.study.stop import StopRequest
 from gtf_tune.study.stored import stored_definition
 from gtf_tune.study.worker import StudyWorker
@@ -131,14 +130,11 @@ class StudyServer:
 
     def _trials_left(self, record: Study) -> int | None:
         try:
-            definition = stored_definition(record)
-            budget = trial_budget(definition, build_space(definition, make_pipeline(definition).options))
+            return trials_left(self.database, record)
         except StorageError:
             raise
         except GtfTuneError:
             return None
-        counts = trials.counts(self.database, record.id)
-        return budget - sum(counts.values()) + counts.get("claimed", 0)
 
     def _open_now(self) -> list[Study]:
         found = studies.open_studies(self.database)
