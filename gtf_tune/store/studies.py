@@ -105,13 +105,18 @@ def add(database: Database, new: NewStudy) -> Study:
     def work(session: Session) -> Study:
         found = _find(session, new.name)
         if found is not None and found.created_at != created_at:
-            raise StorageError(
-                f"study '{new.name}' exists already in {database.shown_url}; continue it with 'gtf-tune study resume "
-                f"{new.name}', delete it with 'gtf-tune study delete {new.name}', or choose another name"
-            )
+            raise name_is_taken(database, new.name)
         return found or _insert(session, new, created_at)
 
     return write(database, work)
+
+
+def name_is_taken(database: Database, name: str) -> StorageError:
+    """Return the error for whoever wants to add a study of a name that the database has."""
+    return StorageError(
+        f"study '{name}' exists already in {database.shown_url}; continue it with 'gtf-tune study resume {name}', "
+        f"delete it with 'gtf-tune study delete {name}', or choose another name"
+    )
 
 
 def _insert(session: Session, new: NewStudy, created_at: float) -> Study:

@@ -122,10 +122,7 @@ def open_study(
 def refuse_taken_name(database: Database, name: str) -> None:
     """Raise `StorageError` if the database has a study of this name."""
     if name in studies.names(database):
-        raise StorageError(
-            f"study '{name}' exists already in {database.shown_url}; continue it with 'gtf-tune study resume {name}', "
-            f"delete it with 'gtf-tune study delete {name}', or choose another name"
-        )
+        raise studies.name_is_taken(database, name)
 
 
 def _optuna_study(database: Database, definition: StudyDefinition) -> int:
