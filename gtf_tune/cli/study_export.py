@@ -1,11 +1,10 @@
 """Write a pick in the forms that people paste back into their tools."""
 
 import contextlib
-import json as json_module
 from collections.abc import Iterator
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -38,6 +37,7 @@ def export(
     from gtf_tune.errors import DefinitionError
     from gtf_tune.store import studies
     from gtf_tune.study import export as export_module
+    from gtf_tune.study.stored import stored_definition
 
     if format_ not in export_module.FORMATS:
         raise DefinitionError(f"--format takes one of {', '.join(export_module.FORMATS)}, not '{format_}'")
@@ -50,8 +50,8 @@ def export(
     if format_ == "tum":
         _write_trajectories(database, chosen, output or Path(f"{name}-trial-{chosen.ordinal}"))
         return
-    definition = json_module.loads(study.definition)
-    _deliver(_settings(format_, definition, chosen), output)
+    text = export_module.setting_text(format_, stored_definition(study), chosen.options or {})
+    _deliver(text, output)
 
 
 def _choose(database: "Database", study: "Study", ordinal: int | None) -> "Trial":
@@ -63,19 +63,6 @@ def _choose(database: "Database", study: "Study", ordinal: int | None) -> "Trial
     found = recommend(database, study.id, study.name)
     say(f"verdict: {found.verdict}; writing trial {found.trial.ordinal}")
     return found.trial
-
-
-def _settings(format_: str, definition: dict[str, Any], trial: "Trial") -> str:
-    from gtf_tune.study import export as export_module
-
-    pipeline = definition["pipeline"]
-    options = {**pipeline["options"], **(trial.options or {})}
-    if format_ == "colmap-ini":
-        return export_module.colmap_ini(pipeline["name"], options)
-    if format_ == "colmap-cli":
-        pairing = str(pipeline["settings"].get("pairing", "exhaustive"))
-        return export_module.colmap_flags(pipeline["name"], options, pairing)
-    return export_module.option_json(options)
 
 
 def _trials_csv(database: "Database", study: "Study") -> str:

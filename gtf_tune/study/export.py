@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from gtf_tune.definition import StudyDefinition
 from gtf_tune.errors import DefinitionError
@@ -13,6 +14,7 @@ from gtf_tune.pipelines.colmap_flags import command_of, flag_of
 _COLMAP_FORMATS = ("colmap-ini", "colmap-cli")
 _OTHER_FORMATS = ("json", "csv", "tum")
 FORMATS = (*_COLMAP_FORMATS, *_OTHER_FORMATS)
+_FILES = MappingProxyType({"options.json": "json", "project.ini": "colmap-ini", "colmap-flags.txt": "colmap-cli"})
 _COLMAP_PIPELINES = ("glomap", "colmap", "colmap-hierarchical")
 _INI_HEAD = (
     "# With a project file COLMAP takes paths from it alone: put database_path=, image_path= and output_path= here."
@@ -91,13 +93,24 @@ def _text(value: OptionValue) -> str:
     return repr(value) if isinstance(value, float) else str(value)
 
 
-def setting_files(definition: StudyDefinition, searched: Mapping[str, OptionValue]) -> dict[str, str]:
-    """Return a setting in every form that its pipeline's users paste, content by file name."""
+def setting_text(format_: str, definition: StudyDefinition, searched: Mapping[str, OptionValue]) -> str:
+    """Return a setting, fixed options included, in the format ``colmap-ini``, ``colmap-cli`` or ``json``.
+
+    Raises
+    ------
+    DefinitionError
+        The format is COLMAP's and the pipeline is not.
+    """
     pipeline = definition.pipeline
     options = {**pipeline.options, **searched}
-    files = {"options.json": option_json(options)}
-    if _COLMAP_FORMATS[0] in formats_of(pipeline.name):
-        pairing = str(pipeline.settings.get("pairing", "exhaustive"))
-        files["project.ini"] = colmap_ini(pipeline.name, options)
-        files["colmap-flags.txt"] = colmap_flags(pipeline.name, options, pairing)
-    return files
+    if format_ == "colmap-ini":
+        return colmap_ini(pipeline.name, options)
+    if format_ == "colmap-cli":
+        return colmap_flags(pipeline.name, options, str(pipeline.settings.get("pairing", "exhaustive")))
+    return option_json(options)
+
+
+def setting_files(definition: StudyDefinition, searched: Mapping[str, OptionValue]) -> dict[str, str]:
+    """Return a setting in every form that its pipeline's users paste, content by file name."""
+    known = formats_of(definition.pipeline.name)
+    return {name: setting_text(one, definition, searched) for name, one in _FILES.items() if one in known}
