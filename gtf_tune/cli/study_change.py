@@ -132,7 +132,7 @@ def _write(found: "Rescored", truth: TrueErrors, unit: "ScoreUnit") -> None:
                 str(one.rank_before or "-"),
                 f"{unit.text(one.score.value)}{_mark(one)}" if one.score.feasible else "infeasible",
                 change,
-                "-" if (collapsed := _collapsed(one)) is None else f"{collapsed:.0%}",
+                "-" if math.isnan(one.score.collapse_rate) else f"{one.score.collapse_rate:.0%}",
                 *truth.cells(one.trial.ordinal),
             )
         )
@@ -159,7 +159,7 @@ def _as_json(found: "Rescored", truth: TrueErrors) -> dict[str, Any]:
                 "confidence_interval": list(one.score.confidence_interval),
                 "rank": one.rank or None,
                 "feasible": one.score.feasible,
-                "collapse_rate": _collapsed(one),
+                "collapse_rate": one.score.collapse_rate,
                 **truth.as_json(one.trial.ordinal),
             }
             for one in found.trials
@@ -169,9 +169,3 @@ def _as_json(found: "Rescored", truth: TrueErrors) -> dict[str, Any]:
 
 def _mark(one: "RescoredTrial") -> str:
     return "*" if one.trial.state == "pruned" else ""
-
-
-def _collapsed(one: "RescoredTrial") -> float | None:
-    """Return the share of noisy runs that collapsed, over all sequences; ``None`` where there are none."""
-    flags = [flag for found in one.score.by_sequence.values() if found.score for flag in found.score.collapsed]
-    return sum(flags) / len(flags) if flags else None

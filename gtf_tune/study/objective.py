@@ -88,6 +88,12 @@ class TrialScore:
         return (self.value * math.exp(-half), self.value * math.exp(half))
 
     @property
+    def collapse_rate(self) -> float:
+        """Return the share of noisy runs that collapsed, over all sequences; NaN where none was scored."""
+        flags = [flag for score in self._scores for flag in score.collapsed.tolist()]
+        return sum(flags) / len(flags) if flags else math.nan
+
+    @property
     def _scores(self) -> list[GtfScore]:
         return [one.score for one in self.by_sequence.values() if one.score is not None]
 

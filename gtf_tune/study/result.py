@@ -3,7 +3,6 @@
 import math
 from typing import Any
 
-import numpy as np
 from optuna.trial import Trial
 
 from gtf_tune.store.patient_optuna import gathered
@@ -59,7 +58,6 @@ def trial_result(scored: ScoredTrial, wall_s: float) -> TrialResult:
     """Return the row of a trial, its matrices included."""
     score = scored.score
     low, high = score.confidence_interval
-    collapsed = [flag for one in score.by_sequence.values() if one.score for flag in one.score.collapsed.tolist()]
     return TrialResult(
         state="pruned" if scored.decision.hopeless else "complete",
         value=score.value,
@@ -69,7 +67,7 @@ def trial_result(scored: ScoredTrial, wall_s: float) -> TrialResult:
         ci_low=_known(low),
         ci_high=_known(high),
         coverage=score.coverage,
-        collapsed_rate=float(np.mean(collapsed)) if collapsed else None,
+        collapsed_rate=_known(score.collapse_rate),
         clean_runs=sum(use.run.kind == "clean" for use in scored.uses),
         noisy_runs=sum(use.run.kind == "noisy" for use in scored.uses),
         wall_s=wall_s,
