@@ -4,9 +4,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from gtf_tune.definition import read_toml
+from gtf_tune.definition.base import Section
 from gtf_tune.errors import DefinitionError
 
 PanelKind = Literal[
@@ -26,11 +27,7 @@ PanelKind = Literal[
 ]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class PanelDefinition(_Section):
+class PanelDefinition(Section):
     """Name one panel and its title; ``text`` is a sentence under the title."""
 
     kind: PanelKind
@@ -38,7 +35,7 @@ class PanelDefinition(_Section):
     text: str = ""
 
 
-class ReportDefinition(_Section):
+class ReportDefinition(Section):
     """Define a report.
 
     ``trajectory_points`` is how many frames of a trajectory are drawn at most, ``log_lines`` how many lines of the log

@@ -2,12 +2,8 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from gtf_tune.definition import GtfDefinition, StudyDefinition
-
-if TYPE_CHECKING:
-    from gtf_tune.report.study_data import StudyData
 
 _NAMES = {"ate": "GTF ATE", "rpe_translation": "GTF RPE", "rpe_rotation": "GTF RPE (rotation)"}
 _PER_MILLE = 1000.0
@@ -57,13 +53,8 @@ def sequence_unit(gtf: GtfDefinition) -> ScoreUnit:
     return ScoreUnit(name, _PER_MILLE, "‰ of extent", "per mille of the trajectory's extent")
 
 
-def study_unit(data: "StudyData") -> ScoreUnit:
-    """Return the unit of the values of a study: that of its sequence, or the ratio to nominal for several."""
-    return definition_unit(data.definition)
-
-
 def definition_unit(definition: StudyDefinition) -> ScoreUnit:
-    """Return the unit of the values of a study that is defined so."""
+    """Return the unit of the values of a study: that of its sequence, or the ratio to nominal for several."""
     if len(definition.searched_sequences) == 1:
         return sequence_unit(definition.gtf)
     name = _NAMES[definition.gtf.metric]

@@ -48,7 +48,7 @@ class Pick:
         return self.best.ordinal == 0 or self.best.options == self.nominal.options
 
 
-_UNKNOWN = Improvement(math.nan, math.nan, math.nan, 0)
+UNKNOWN_IMPROVEMENT = Improvement(math.nan, math.nan, math.nan, 0)
 
 
 def pick(database: Database, study_id: int) -> Pick:
@@ -74,7 +74,7 @@ def improvement(nominal: Mapping[str, Any], best: Mapping[str, Any]) -> Improvem
 
     tables = [_matrices(one) for one in (nominal, best)]
     if not all(tables) or len(tables[0]) != len(tables[1]):
-        return _UNKNOWN
+        return UNKNOWN_IMPROVEMENT
     try:
         compared = [compared_table(first, second)[0] for first, second in zip(*tables, strict=True)]
     except TrajectoryError:
@@ -93,7 +93,7 @@ def _without_interval(nominal: "Sequence[FloatArray]", best: "Sequence[FloatArra
         logs = [np.log(b[:, :1]) - np.log(a[:, :1]) for a, b in zip(nominal, best, strict=True) if a.shape == b.shape]
     means = [float(one.mean()) for one in logs]
     if len(means) < len(nominal) or not all(map(math.isfinite, means)):
-        return _UNKNOWN
+        return UNKNOWN_IMPROVEMENT
     return Improvement(1 - math.exp(sum(means) / len(means)), math.nan, math.nan, 1)
 
 

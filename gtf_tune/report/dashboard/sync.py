@@ -19,7 +19,7 @@ from gtf_tune.report.setting_runs import read_setting
 from gtf_tune.report.study_data import StudyData, read_search, read_trials
 from gtf_tune.report.tables.costs import runs_made
 from gtf_tune.report.tables.verdict import study_verdict
-from gtf_tune.report.units import study_unit
+from gtf_tune.report.units import definition_unit
 from gtf_tune.store import runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.faults import storage_error
@@ -198,7 +198,7 @@ def _facts(data: StudyData) -> dict[str, str]:
 
 
 def _metric_name(data: StudyData) -> str:
-    unit = study_unit(data)
+    unit = definition_unit(data.definition)
     if data.has_several_sequences:
         return f"{unit.name} / nominal"
     return f"{unit.name} / extent" if unit.factor != 1 else unit.label

@@ -38,16 +38,16 @@ def sequence_detail(data: StudyData, ordinal: int, sequence: str) -> SequenceDet
     stored = data.details.get(ordinal, {}).get("sequences", {}).get(sequence, {})
     low, high = stored.get("ci") or (None, None)
     return SequenceDetail(
-        value=_number(stored.get("value")),
-        low=_number(low),
-        high=_number(high),
+        value=stored_number(stored.get("value")),
+        low=stored_number(low),
+        high=stored_number(high),
         matrix=_matrix(stored.get("matrix") or []),
         pair_errors={_pair(key): reason for key, reason in (stored.get("pair_errors") or {}).items()},
-        coverage=_number(stored.get("coverage")),
+        coverage=stored_number(stored.get("coverage")),
         coverage_clean=tuple(stored.get("coverage_clean") or ()),
         coverage_noisy=tuple(stored.get("coverage_noisy") or ()),
         collapsed=tuple(stored.get("collapsed") or ()),
-        extent=_number(stored.get("extent")),
+        extent=stored_number(stored.get("extent")),
         message=str(stored.get("message") or ""),
     )
 
@@ -55,18 +55,19 @@ def sequence_detail(data: StudyData, ordinal: int, sequence: str) -> SequenceDet
 def nominal_floor(data: StudyData, sequence: str) -> CoverageFloor | None:
     """Return the least coverage that trials must reach, as the runs of trial 0 set it; None before it is complete."""
     stored = data.details.get(0, {}).get("sequences", {}).get(sequence, {})
-    clean = stored.get("coverage_clean") or [_number(stored.get("coverage_nominal"))]
+    clean = stored.get("coverage_clean") or [stored_number(stored.get("coverage_nominal"))]
     if math.isnan(clean[0]):
         return None
     return coverage_floor(clean, stored.get("coverage_noisy") or [], data.definition.gtf.coverage_floor)
 
 
-def _number(value: Any) -> float:
+def stored_number(value: Any) -> float:
+    """Return a number as it is stored, NaN where that is None."""
     return math.nan if value is None else float(value)
 
 
 def _matrix(rows: Sequence[Sequence[float | None]]) -> FloatArray:
-    matrix = np.array([[_number(value) for value in row] for row in rows], dtype=np.float64)
+    matrix = np.array([[stored_number(value) for value in row] for row in rows], dtype=np.float64)
     return matrix if matrix.ndim == 2 else matrix.reshape(0, 0)
 
 

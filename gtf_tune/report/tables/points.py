@@ -9,8 +9,8 @@ from typing import Literal
 
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.tables.details import sequence_detail
-from gtf_tune.report.units import ScoreUnit, sequence_unit, study_unit
+from gtf_tune.report.tables.details import sequence_detail, stored_number
+from gtf_tune.report.units import ScoreUnit, definition_unit, sequence_unit
 from gtf_tune.store.trials import Trial
 
 PointState = Literal["feasible", "infeasible", "pruned", "failed", "running"]
@@ -83,7 +83,7 @@ def study_points(data: StudyData) -> PointSet:
     """Return the trials with the values that the search minimises."""
     if not data.has_several_sequences:
         return sequence_points(data, data.sequences[0].name)
-    unit = study_unit(data)
+    unit = definition_unit(data.definition)
     truth, reprojection = _combined_truth(data), _reprojection(data, {one.name for one in data.sequences})
     points = [
         _point(trial, trial.gtf_ate, unit, (trial.ci_low, trial.ci_high), truth, reprojection) for trial in data.trials
@@ -131,8 +131,8 @@ def _point(
         high=unit.shown(interval[1]) if known else math.nan,
         ground_truth=truth.get(trial.ordinal, math.nan),
         reprojection_px=reprojection.get(trial.ordinal, math.nan),
-        coverage=math.nan if trial.coverage is None else trial.coverage,
-        collapsed=math.nan if trial.collapsed_rate is None else trial.collapsed_rate,
+        coverage=stored_number(trial.coverage),
+        collapsed=stored_number(trial.collapsed_rate),
         noisy_runs=trial.noisy_runs,
         wall_s=trial.wall_s,
         message=trial.message,

@@ -7,14 +7,13 @@ from typing import Any, Literal
 
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.report.study_data import StudyData
+from gtf_tune.report.tables.details import stored_number
 from gtf_tune.report.tables.options import options_at_an_edge
 from gtf_tune.report.tables.points import TrialPoint, study_points
-from gtf_tune.study.picking import Improvement, improvement
+from gtf_tune.study.picking import UNKNOWN_IMPROVEMENT, Improvement, improvement
 from gtf_tune.study.verdicts import ADOPT, KEEP, compared
 
 VerdictKind = Literal["adopt", "keep", "unconfirmed", "none"]
-
-_UNKNOWN = Improvement(math.nan, math.nan, math.nan, 0)
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Verdict:
     ordinal: int | None
     changes: tuple[OptionChange, ...] = ()
     ratio: float = math.nan
-    improvement: Improvement = _UNKNOWN
+    improvement: Improvement = UNKNOWN_IMPROVEMENT
     ground_truth: float = math.nan
     collapsed: float = math.nan
     at_an_edge: tuple[str, ...] = ()
@@ -78,7 +77,7 @@ def study_verdict(data: StudyData) -> Verdict:
         if adopted is not None:
             return _about(data, "adopt", adopted.ordinal, adopted.improvement, found)
         if data.confirmations[-1].verdict == KEEP and data.nominal is not None:
-            return _about(data, "keep", 0, _UNKNOWN, found)
+            return _about(data, "keep", 0, UNKNOWN_IMPROVEMENT, found)
     if best == 0 or repeats_nominal:
         return _about(data, "none", 0)
     return _about(data, "unconfirmed", best, _searched_improvement(data, best))
@@ -95,7 +94,7 @@ def _candidate(row: Mapping[str, Any]) -> Candidate:
     return Candidate(
         ordinal=int(row["ordinal"]),
         improvement=_improvement(row),
-        p_value=_number(row.get("adjusted_p_value")),
+        p_value=stored_number(row.get("adjusted_p_value")),
         is_adopted=row.get("verdict") == ADOPT,
         reasons=tuple(row.get("reasons") or ()),
         by_sequence={name: _improvement(one) for name, one in (row.get("by_sequence") or {}).items()},
@@ -103,7 +102,7 @@ def _candidate(row: Mapping[str, Any]) -> Candidate:
 
 
 def _improvement(row: Mapping[str, Any]) -> Improvement:
-    value, low, high = (_number(row.get(name)) for name in ("improvement", "low", "high"))
+    value, low, high = (stored_number(row.get(name)) for name in ("improvement", "low", "high"))
     return Improvement(value, low, high, int(row.get("instances") or 0))
 
 
@@ -111,7 +110,7 @@ def _about(
     data: StudyData,
     kind: VerdictKind,
     ordinal: int,
-    found: Improvement = _UNKNOWN,
+    found: Improvement = UNKNOWN_IMPROVEMENT,
     candidates: tuple[Candidate, ...] = (),
 ) -> Verdict:
     points = {point.ordinal: point for point in study_points(data).points}
@@ -133,8 +132,4 @@ def _about(
 
 def _searched_improvement(data: StudyData, best: int) -> Improvement:
     nominal, other = data.details.get(0), data.details.get(best)
-    return improvement(nominal, other) if data.nominal is not None and nominal and other else _UNKNOWN
-
-
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)
+    return improvement(nominal, other) if data.nominal is not None and nominal and other else UNKNOWN_IMPROVEMENT
