@@ -10,6 +10,7 @@ from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.failures import run_failures
 from gtf_tune.report.tables.points import PointSet, TrialPoint, study_points
 from gtf_tune.report.tables.verdict import study_verdict
+from gtf_tune.report.units import definition_unit
 from gtf_tune.study.objective import penalty
 
 KEPT_BELOW = "*gtf-tune keeps everything above this line up to date; what you write below it is kept.*"
@@ -107,7 +108,7 @@ def _sequence_table(data: StudyData) -> str:
 
 
 def _reading(data: StudyData) -> str:
-    gtf, unit = data.definition.gtf, study_points(data).unit
+    gtf, unit = data.definition.gtf, definition_unit(data.definition)
     side = data.definition.side_metric
     infeasible_from = penalty(gtf, len(data.sequences))
     least, most = gtf.noisy_runs_min, gtf.noisy_runs_max
@@ -131,4 +132,8 @@ def _reading(data: StudyData) -> str:
 def _stored_unit(data: StudyData) -> str:
     if data.has_several_sequences:
         return "ratio to nominal, the geometric mean over the sequences"
-    return "fraction of the trajectory's extent" if study_points(data).unit.factor != 1 else "number in its own unit"
+    return (
+        "fraction of the trajectory's extent"
+        if definition_unit(data.definition).factor != 1
+        else "number in its own unit"
+    )

@@ -1,6 +1,7 @@
 """Say what to do, how sure that is, and what it cost."""
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 
 from gtf_tune.report import markup
@@ -9,8 +10,9 @@ from gtf_tune.report.numbers import count, duration, percent, share, significant
 from gtf_tune.report.panels.blocks import Block, ReportInput
 from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.costs import StudyCost, study_cost
-from gtf_tune.report.tables.points import study_points
+from gtf_tune.report.tables.points import PointSet, study_points
 from gtf_tune.report.tables.verdict import Candidate, Verdict, study_verdict
+from gtf_tune.report.units import definition_unit
 
 
 def verdict_panel(report: ReportInput) -> list[Block]:
@@ -62,7 +64,8 @@ def verdict_sentences(data: StudyData, verdict: Verdict) -> list[str]:
 
 
 def _main_sentence(data: StudyData, verdict: Verdict) -> str:
-    name, better, sure = study_points(data).unit.name, _better_or_worse(verdict.improvement.value), _interval(verdict)
+    unit = definition_unit(data.definition)
+    name, better, sure = unit.name, _better_or_worse(verdict.improvement.value), _interval(verdict)
     if verdict.kind == "adopt":
         return f"With fresh seeds its {name} is {better} than that of the nominal options{sure}."
     if verdict.kind == "keep":
@@ -100,8 +103,8 @@ def _interval(verdict: Verdict) -> str:
 
 
 def _key_numbers(data: StudyData, verdict: Verdict, cost: StudyCost) -> Html:
-    points = {point.ordinal: point for point in study_points(data).points}
-    unit = study_points(data).unit
+    found = study_points(data)
+    points, unit = {point.ordinal: point for point in found.points}, found.unit
     facts: list[tuple[str, str, str]] = []
     if 0 in points and points[0].is_scored:
         facts.append((f"nominal {unit.name}", significant(points[0].value), unit.symbol))
@@ -114,7 +117,7 @@ def _key_numbers(data: StudyData, verdict: Verdict, cost: StudyCost) -> Html:
         facts.append(("improvement", percent(verdict.improvement.value), sure))
     if verdict.ordinal and math.isfinite(verdict.ground_truth):
         facts.append(("against ground truth", percent(verdict.ground_truth), "side metric"))
-    facts.append(("trials", str(len(data.trials)), _states(data)))
+    facts.append(("trials", str(len(data.trials)), _states(found)))
     facts.append(("runs", str(cost.made), f"{cost.reused} more reused, {cost.failed} failed"))
     facts.append(("computing time", duration(cost.compute_s), f"{duration(cost.elapsed_s)} elapsed"))
     if cost.confirmation_runs:
@@ -122,10 +125,8 @@ def _key_numbers(data: StudyData, verdict: Verdict, cost: StudyCost) -> Html:
     return markup.element("div", *(_fact(*fact) for fact in facts), class_="facts")
 
 
-def _states(data: StudyData) -> str:
-    counts: dict[str, int] = {}
-    for point in study_points(data).points:
-        counts[point.state] = counts.get(point.state, 0) + 1
+def _states(found: PointSet) -> str:
+    counts = Counter(point.state for point in found.points)
     return ", ".join(f"{number} {state}" for state, number in counts.items())
 
 
