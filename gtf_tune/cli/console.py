@@ -89,15 +89,10 @@ def number(value: float | None) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Format a duration as people say it: 42 s, 3 min 20 s, 5 h 12 min."""
-    whole = round(seconds)
-    if whole < 60:
-        return f"{seconds:.1f} s" if seconds < 10 else f"{whole} s"
-    minutes, rest = divmod(whole, 60)
-    if minutes < 60:
-        return f"{minutes} min {rest} s"
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours} h {minutes} min"
+    """Format a duration as people say it: 4.2 s, 42 s, 3 min 20 s, 5 h 12 min."""
+    from gtf_tune.report import numbers
+
+    return f"{seconds:.1f} s" if seconds < 10 else numbers.duration(seconds)
 
 
 def _plain(text: str) -> str:
