@@ -10,11 +10,9 @@ from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
-from gtf_tune.store.runs import StoredRun
 from gtf_tune.store.studies import Study
 from gtf_tune.study.create import open_study
-from gtf_tune.study.evaluation import RunSlot
-from gtf_tune.study.events import Silent, StudyListener, TrialEnd
+from gtf_tune.study.events import Several, Silent, StudyListener
 from gtf_tune.study.heartbeat import GRACE_S, INTERVAL_S
 from gtf_tune.study.opened import OpenStudy, trials_left
 from gtf_tune.study.places import SequencePlaces
@@ -46,22 +44,14 @@ class ServingRules:
     grace_s: float = GRACE_S
 
 
-class _Counting:
-    """Pass everything on to a listener, and count the trials that began."""
+class _TrialCount(Silent):
+    """Count the trials that began."""
 
-    def __init__(self, listener: StudyListener) -> None:
-        self._listener = listener
+    def __init__(self) -> None:
         self.trials = 0
 
     def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
         self.trials += 1
-        self._listener.trial_started(ordinal, options, planned_runs)
-
-    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
-        self._listener.run_finished(slot, run, reused=reused)
-
-    def trial_finished(self, end: TrialEnd) -> None:
-        self._listener.trial_finished(end)
 
 
 @dataclass(frozen=True)
@@ -160,11 +150,12 @@ class StudyServer:
             return False
 
     def _work(self, study: OpenStudy) -> bool:
-        counted = _Counting(self.listen(study))
+        count = _TrialCount()
+        listener = Several((count, self.listen(study)))
         rules = self.rules
-        worker = StudyWorker(study, self.executor, self.stop, counted, beat_s=rules.beat_s, grace_s=rules.grace_s)
+        worker = StudyWorker(study, self.executor, self.stop, listener, beat_s=rules.beat_s, grace_s=rules.grace_s)
         complete = worker.work_while_free(rules.trial_parallel)
-        return complete or counted.trials > 0
+        return complete or count.trials > 0
 
     def _open(self, record: Study) -> OpenStudy:
         """Return a study ready for work; opened again only if its definition changed, since that reads all images."""

@@ -24,9 +24,7 @@ from gtf_tune.store import runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.faults import storage_error
 from gtf_tune.store.optuna_tables import optuna_storage
-from gtf_tune.store.runs import StoredRun
-from gtf_tune.study.evaluation import RunSlot
-from gtf_tune.study.events import TrialEnd
+from gtf_tune.study.events import Silent, TrialEnd
 
 Exporter = Callable[[Mapping[str, OptionValue]], Mapping[str, str]]
 """Turn the options of a setting into files, content by name, such as a COLMAP project file."""
@@ -39,7 +37,7 @@ _PATIENCE_S = 5.0
 _CATCH_UP_S = 10.0
 
 
-class DashboardSync:
+class DashboardSync(Silent):
     """Hear of a study as a `StudyListener`, and bring notes, figures and files up to date.
 
     A trial gets its note and its files as it ends. The study's note and its figures follow at most every ``refresh_s``
@@ -78,12 +76,6 @@ class DashboardSync:
     def study_started(self) -> None:
         """Write what is known before the first trial of this worker ends."""
         self._guarded(lambda: self._refresh(0.0))
-
-    def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
-        """Do nothing."""
-
-    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
-        """Do nothing."""
 
     def trial_finished(self, end: TrialEnd) -> None:
         """Write the note and the files of a trial, and refresh the study's own if that is due."""
