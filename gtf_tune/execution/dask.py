@@ -3,7 +3,6 @@
 import threading
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, field
-from types import TracebackType
 from typing import Any, Self
 
 from gtf_tune.errors import DefinitionError, StorageError
@@ -86,9 +85,7 @@ class DaskExecutor:
         """Return the executor itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Forget all runs and leave the cluster; it does not belong to the executor."""
         with self._lock:
             self._closed = True

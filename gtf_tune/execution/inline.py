@@ -3,7 +3,6 @@
 import tempfile
 from concurrent.futures import Future
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from gtf_tune.execution.base import RunLimits
@@ -44,7 +43,5 @@ class InlineExecutor:
         """Return the executor itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Do nothing: no process was started."""
