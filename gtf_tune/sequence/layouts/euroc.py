@@ -1,6 +1,7 @@
 """Read the ASL layout of EuRoC MAV, also that of TUM-VI: mav0/cam0 with data.csv and sensor.yaml."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -76,9 +77,8 @@ def _numbers(text: str, name: str, count: int, path: Path) -> list[float]:
 def _moved_to_camera(body: Trajectory, body_from_camera: NDArray[np.float64]) -> Trajectory:
     """Turn world_from_body poses into world_from_camera."""
     rotation = Rotation.from_matrix(body_from_camera[:3, :3])
-    return Trajectory(
-        frame_ids=body.frame_ids,
-        timestamps=body.timestamps,
+    return replace(
+        body,
         positions=body.positions + body.rotations.as_matrix() @ body_from_camera[:3, 3],
         quaternions=(body.rotations * rotation).as_quat(),
     )

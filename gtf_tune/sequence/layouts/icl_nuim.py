@@ -1,6 +1,7 @@
 """Read ICL-NUIM, as TUM-compatible PNGs or as the renderer's own."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,8 +62,8 @@ def _right_handed(published: Trajectory) -> Trajectory:
 
     With S = diag(1, -1, 1), R becomes S R S and t becomes S t; the quaternion then changes the signs of x and z.
     """
-    return Trajectory(
-        frame_ids=published.frame_ids,
+    return replace(
+        published,
         timestamps=published.timestamps / _RATE_HZ,
         positions=published.positions * np.array([1.0, -1, 1]),
         quaternions=published.quaternions * np.array([-1.0, 1, -1, 1]),

@@ -1,5 +1,6 @@
 """Read KITTI odometry: rectified images, times.txt, calib.txt and the poses that come separately."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -66,12 +67,7 @@ def _camera(projection: NDArray[np.float64], image: Path) -> Camera:
 def _moved_to_camera(poses: Trajectory, projection: NDArray[np.float64]) -> Trajectory:
     """Turn poses of camera 0 into those of the projection K [I | K^-1 p], which stands beside it."""
     centre = -np.linalg.solve(projection[:, :3], projection[:, 3])
-    return Trajectory(
-        frame_ids=poses.frame_ids,
-        timestamps=poses.timestamps,
-        positions=poses.positions + poses.rotations.as_matrix() @ centre,
-        quaternions=poses.quaternions,
-    )
+    return replace(poses, positions=poses.positions + poses.rotations.as_matrix() @ centre)
 
 
 KITTI = Layout(
