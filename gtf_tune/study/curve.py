@@ -55,11 +55,18 @@ def fit_curve(places: FloatArray, values: FloatArray) -> Curve:
 def next_place(curve: Curve, candidates: FloatArray) -> float:
     """Return the candidate from which the largest improvement on the lowest known part of the curve is expected."""
     lowest = float(curve.mean(curve.places).min())
-    deviation = curve.deviation(candidates)
-    gain = (lowest - curve.mean(candidates)) / deviation
-    density = np.exp(-0.5 * gain**2) / math.sqrt(2.0 * math.pi)
-    expected = deviation * (gain * ndtr(gain) + density)
+    expected = expected_improvement(lowest - curve.mean(candidates), curve.deviation(candidates))
     return float(candidates[int(np.argmax(expected))])
+
+
+def expected_improvement(drop: FloatArray, deviation: FloatArray) -> FloatArray:
+    """Return by how much values of these deviations, (m,), fall below a level in expectation, (m,).
+
+    ``drop`` (m,) is how far their means lie below that level.
+    """
+    gain = drop / deviation
+    density = np.exp(-0.5 * gain**2) / math.sqrt(2.0 * math.pi)
+    return np.asarray(deviation * (gain * ndtr(gain) + density))
 
 
 def _fit(places: FloatArray, values: FloatArray, length: float, noise: float) -> tuple[float, Curve]:

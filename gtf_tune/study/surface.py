@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.optimize import minimize
-from scipy.special import ndtr
 
+from gtf_tune.study.curve import expected_improvement
 from gtf_tune.trajectory import BoolArray, FloatArray
 
 _SQRT5 = math.sqrt(5.0)
@@ -52,9 +52,7 @@ class Surface:
         kernel = self._kernel(points)
         known = solve_triangular(self.factor, kernel, lower=True)
         deviation = np.sqrt(np.maximum(self.variance * (1.0 - (known**2).sum(axis=0)), _SMALLEST))
-        gain = (lowest - self.centre - kernel.T @ self.weights) / deviation
-        density = np.exp(-0.5 * gain**2) / math.sqrt(2.0 * math.pi)
-        return np.asarray(deviation * (gain * ndtr(gain) + density))
+        return expected_improvement(lowest - self.centre - kernel.T @ self.weights, deviation)
 
     def _kernel(self, points: FloatArray) -> FloatArray:
         squares = _squares(self.points, points, self.unordered)
