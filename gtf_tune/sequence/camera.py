@@ -5,6 +5,9 @@ import json
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gtf_tune.errors import SequenceError
 
 # https://github.com/colmap/colmap/blob/main/src/colmap/sensor/models.h, in the order of COLMAP's model ids.
@@ -111,3 +114,9 @@ class Camera:
 def pinhole_from_opencv(focal: tuple[float, float], centre: tuple[float, float], size: tuple[int, int]) -> Camera:
     """Return a PINHOLE camera from (fx, fy), (cx, cy) and (width, height) with pixel centres at whole numbers."""
     return Camera("PINHOLE", size[0], size[1], (*focal, centre[0] + 0.5, centre[1] + 0.5))
+
+
+def pinhole_from_matrix(matrix: NDArray[np.float64], size: tuple[int, int]) -> Camera:
+    """Return a PINHOLE camera from a calibration matrix, (3, 3) or (3, 4), with pixel centres at whole numbers."""
+    fx, fy, cx, cy = (float(matrix[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return pinhole_from_opencv((fx, fy), (cx, cy), size)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.camera import Camera, pinhole_from_opencv
+from gtf_tune.sequence.camera import pinhole_from_matrix
 from gtf_tune.sequence.images import image_size
 from gtf_tune.sequence.layouts.base import Layout, Recording, check_unique
 from gtf_tune.sequence.layouts.folder import list_images
@@ -27,12 +27,13 @@ def _read(root: Path) -> Recording:
     folder = next((name for name in _IMAGE_FOLDERS if (root / name).is_dir()), "image_0")
     frames = _read_frames(root / folder, root / "times.txt")
     projection = _read_projection(root / "calib.txt", _IMAGE_FOLDERS[folder])
+    camera = pinhole_from_matrix(projection, image_size(frames[0].path))
     path = next((candidate for candidate in _pose_files(root) if candidate.is_file()), None)
     if path is None:
-        return Recording(frames, _camera(projection, frames[0].path))
+        return Recording(frames, camera)
     poses = _moved_to_camera(read_trajectory(path, format="kitti"), projection)
     ground_truth, notes = poses_by_index(frames, poses, path)
-    return Recording(frames, _camera(projection, frames[0].path), ground_truth, notes=notes)
+    return Recording(frames, camera, ground_truth, notes=notes)
 
 
 def _pose_files(root: Path) -> tuple[Path, ...]:
@@ -57,11 +58,6 @@ def _read_projection(path: Path, name: str) -> NDArray[np.float64]:
         if fields[0].rstrip(":") == name and len(fields) == 13:
             return np.array(to_numbers(fields[1:], path, line)).reshape(3, 4)
     raise SequenceError(f"{path}: expected a line '{name}:' with 12 numbers, found none; check the download")
-
-
-def _camera(projection: NDArray[np.float64], image: Path) -> Camera:
-    fx, fy, cx, cy = (float(projection[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    return pinhole_from_opencv((fx, fy), (cx, cy), image_size(image))
 
 
 def _moved_to_camera(poses: Trajectory, projection: NDArray[np.float64]) -> Trajectory:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.camera import Camera, pinhole_from_opencv
+from gtf_tune.sequence.camera import Camera, pinhole_from_matrix, pinhole_from_opencv
 from gtf_tune.sequence.images import image_size
 from gtf_tune.sequence.layouts.base import Layout, Recording
 from gtf_tune.sequence.layouts.folder import list_images
@@ -38,9 +38,7 @@ def _read_scannet(root: Path) -> Recording:
 def _scannet_camera(path: Path, image: Path) -> Camera | None:
     if not path.is_file():
         return None
-    matrix = read_matrix(path, 3, 4)
-    fx, fy, cx, cy = (float(matrix[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    return pinhole_from_opencv((fx, fy), (cx, cy), image_size(image))
+    return pinhole_from_matrix(read_matrix(path, 3, 4), image_size(image))
 
 
 def _numbered_frames(folder: Path, pattern: str) -> tuple[Frame, ...]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.camera import Camera, pinhole_from_opencv
+from gtf_tune.sequence.camera import Camera, pinhole_from_matrix
 from gtf_tune.sequence.images import image_size, is_image
 from gtf_tune.sequence.layouts.base import Layout, Recording, one_camera
 from gtf_tune.sequence.layouts.folder import counted_frames, list_images
@@ -59,11 +59,7 @@ def _read_camera_file(path: Path, image: Path) -> tuple[Camera, NDArray[np.float
         )
     intrinsics, rotation, centre = numbers[:9].reshape(3, 3), numbers[12:21].reshape(3, 3), numbers[21:24]
     size = (int(numbers[24]), int(numbers[25])) if len(numbers) >= _NUMBERS else image_size(image)
-    focal, middle = (
-        (float(intrinsics[0, 0]), float(intrinsics[1, 1])),
-        (float(intrinsics[0, 2]), float(intrinsics[1, 2])),
-    )
-    return pinhole_from_opencv(focal, middle, size), np.column_stack([rotation, centre])
+    return pinhole_from_matrix(intrinsics, size), np.column_stack([rotation, centre])
 
 
 STRECHA = Layout(
