@@ -19,8 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.interval_coverage import score_of
 from gtf_tune.definition import GtfDefinition
-from gtf_tune.gtf import GtfScore, find_collapsed
+from gtf_tune.gtf import GtfScore
 from gtf_tune.study.confirm_verdict import Findings, Measured, judge
 from gtf_tune.study.verdicts import ADOPT
 from gtf_tune.trajectory import FloatArray
@@ -50,7 +51,7 @@ class World:
         rest = REST_SPREAD * generator.normal(size=(CLEAN_RUNS, count))
         shared = INSTANCE_SPREAD * self.common * instances
         broken = np.where(generator.random(size=count) < self.collapse, COLLAPSE_FACTOR, 1.0)
-        return _score((1 - effect) * np.exp(shared + own + rest) * broken)
+        return score_of((1 - effect) * np.exp(shared + own + rest) * broken)
 
 
 WORLDS = (
@@ -78,23 +79,6 @@ def _verdict(world: World, generator: np.random.Generator, noisy_runs: int, effe
         for number, effect in enumerate([0.0, *effects])
     ]
     return str(judge(Findings(settings[0], tuple(settings[1:])), GtfDefinition())["verdict"])
-
-
-def _score(matrix: FloatArray) -> GtfScore:
-    ones = np.ones(matrix.shape)
-    return GtfScore(
-        value=float(matrix.mean()),
-        standard_error=math.nan,
-        confidence_interval=(math.nan, math.nan),
-        matrix=matrix,
-        pair_errors={},
-        coverage_clean=ones[:, 0],
-        coverage_noisy=ones[0],
-        extents=ones,
-        matched=ones.astype(np.int64),
-        num_frames=1,
-        collapsed=find_collapsed(matrix),
-    )
 
 
 def main() -> None:

@@ -117,13 +117,14 @@ def _two_settings(
 def _p_values(a: FloatArray, b: FloatArray) -> tuple[float, float, float]:
     gaps = (np.log(b) - np.log(a)).mean(axis=0)
     return (
-        paired_difference(_score(a), _score(b)).p_value,
+        paired_difference(score_of(a), score_of(b)).p_value,
         float(stats.ttest_1samp(gaps, 0).pvalue),
         float(stats.wilcoxon(gaps).pvalue),
     )
 
 
-def _score(matrix: FloatArray) -> GtfScore:
+def score_of(matrix: FloatArray) -> GtfScore:
+    """Return the score that a matrix of simulated errors stands for, of runs that registered every frame."""
     ones = np.ones(matrix.shape)
     return GtfScore(
         value=float(matrix.mean()),
