@@ -3,9 +3,9 @@
 import math
 import re
 from collections.abc import Mapping
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, JsonValue, field_validator, model_validator
+from pydantic import AfterValidator, Field, JsonValue, model_validator
 
 from gtf_tune.definition.base import Section
 from gtf_tune.definition.gtf import GtfDefinition
@@ -17,6 +17,16 @@ DEFAULT_TRIALS = 50
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9._-]+")
+
+
+def check_name(name: str) -> str:
+    """Return the name of a study or a sequence, or raise `ValueError`."""
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"should be 1 to 100 letters, digits, '.', '_' or '-', not {name!r}")
+    return name
+
+
+Name = Annotated[str, AfterValidator(check_name)]
 
 
 class PipelineDefinition(Section):
@@ -41,7 +51,7 @@ class SequenceDefinition(Section):
     ``holdout`` sequences are only evaluated at confirmation.
     """
 
-    name: str
+    name: Name
     path: str
     layout: str = "auto"
     camera: CameraDefinition | Literal["auto", "unknown"] = "auto"
@@ -52,11 +62,6 @@ class SequenceDefinition(Section):
     rate_hz: float | None = Field(default=None, gt=0)
     max_image_size: int | None = Field(default=None, ge=16)
     holdout: bool = False
-
-    @field_validator("name")
-    @classmethod
-    def _check_name(cls, name: str) -> str:
-        return check_name(name)
 
     @property
     def selection(self) -> dict[str, Any]:
@@ -89,7 +94,7 @@ class LimitsDefinition(Section):
 class StudyDefinition(Section):
     """Define a study; the whole of it is stored with the study."""
 
-    name: str
+    name: Name
     pipeline: PipelineDefinition
     sequences: list[SequenceDefinition] = Field(min_length=1)
     space: dict[str, Axis] = Field(min_length=1)
@@ -97,11 +102,6 @@ class StudyDefinition(Section):
     side_metric: SideMetricDefinition = SideMetricDefinition()
     search: SearchDefinition = SearchDefinition()
     limits: LimitsDefinition = LimitsDefinition()
-
-    @field_validator("name")
-    @classmethod
-    def _check_name(cls, name: str) -> str:
-        return check_name(name)
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
@@ -135,13 +135,6 @@ def suited_sampler(space: Mapping[str, Axis], trials: int | None) -> str:
     if len(lists) == len(space) and size <= (trials or DEFAULT_TRIALS):
         return "grid"
     return "refine" if len(lists) < len(space) else "tpe"
-
-
-def check_name(name: str) -> str:
-    """Return the name of a study or a sequence, or raise `ValueError`."""
-    if not _NAME.fullmatch(name):
-        raise ValueError(f"should be 1 to 100 letters, digits, '.', '_' or '-', not {name!r}")
-    return name
 
 
 def name_from(folder: str) -> str:
