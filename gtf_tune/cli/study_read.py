@@ -171,9 +171,7 @@ def delete(
 
 def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list["Effort"], cost: "RunTotals") -> None:
     gtf = definition.gtf
-    noisy = str(gtf.noisy_runs_max)
-    if gtf.noisy_runs_min < gtf.noisy_runs_max:
-        noisy = f"{gtf.noisy_runs_min} to {gtf.noisy_runs_max}"
+    noise = _noise(definition, study)
     finished = sum(one.count for one in efforts if one.state != "claimed")
     spared = _spared(definition, efforts)
     write_pairs(
@@ -181,7 +179,7 @@ def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list[
             "study": f"{definition.name} ({study.state}, {finished} trials done)",
             "pipeline": definition.pipeline.name,
             "sequences": ", ".join(one.name for one in definition.sequences),
-            "runs a trial": f"{gtf.clean_runs} clean, {noisy} noisy at {_noise(definition, study)} grey levels",
+            "runs a trial": f"{gtf.clean_runs} clean, {gtf.noisy_runs_text} noisy at {noise} grey levels",
             "score": f"{gtf.metric}, {gtf.aggregate}, {gtf.alignment}, normalised by {gtf.normalise}",
             "sampler": f"{definition.search.sampler}, seed {definition.search.seed}",
             "runs": f"{cost.made} made in {duration(cost.made_s)}, {cost.reused} reused, {cost.failed} failed",

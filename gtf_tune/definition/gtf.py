@@ -67,3 +67,9 @@ class GtfDefinition(Section):
     def noisy_runs_max(self) -> int:
         """Return how many noisy runs a trial gets at the most."""
         return self.noisy_runs if isinstance(self.noisy_runs, int) else self.noisy_runs.max
+
+    @property
+    def noisy_runs_text(self) -> str:
+        """Return how many noisy runs a trial gets, in words: ``6`` or ``3 to 12``."""
+        least, most = self.noisy_runs_min, self.noisy_runs_max
+        return str(most) if least == most else f"{least} to {most}"

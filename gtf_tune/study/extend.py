@@ -90,8 +90,8 @@ def _refuse(definition: StudyDefinition, extension: Extension) -> None:
     derive = f"make a new study on the same runs with: gtf-tune study extend {name} --as NEW-NAME and the same flags"
     if extension.noisy_runs is not None and extension.noisy_runs != definition.gtf.noisy_runs:
         raise DefinitionError(
-            f"the trials of study '{name}' are scored by {_count(definition)} noisy runs each, and scores of more runs "
-            f"do not compare with theirs; {derive}"
+            f"the trials of study '{name}' are scored by {definition.gtf.noisy_runs_text} noisy runs each, and scores "
+            f"of more runs do not compare with theirs; {derive}"
         )
     for option, axis in extension.axes.items():
         fault = _axis_fault(definition, option, axis)
@@ -130,8 +130,3 @@ def _refuse_too_few(database: Database, study: Study, extended: StudyDefinition)
         raise DefinitionError(
             f"study '{study.name}' has {handed_out} trials already, more than {budget}; raise --trials"
         )
-
-
-def _count(definition: StudyDefinition) -> str:
-    runs = definition.gtf.noisy_runs
-    return str(runs) if isinstance(runs, int) else f"{runs.min} to {runs.max}"

@@ -111,12 +111,10 @@ def _reading(data: StudyData) -> str:
     gtf, unit = data.definition.gtf, definition_unit(data.definition)
     side = data.definition.side_metric
     infeasible_from = penalty(gtf, len(data.sequences))
-    least, most = gtf.noisy_runs_min, gtf.noisy_runs_max
-    noisy = str(least) if least == most else f"{least} to {most}"
     return "\n".join(
         [
             f"- The **value** is the {unit.name}: how far trajectories move when Gaussian noise is added to the images "
-            f"({gtf.clean_runs} clean runs against {noisy} noisy ones). Smaller is better. It is "
+            f"({gtf.clean_runs} clean runs against {gtf.noisy_runs_text} noisy ones). Smaller is better. It is "
             f"stored as a {_stored_unit(data)}.",
             "- **Intermediate values** are the same number, one noise instance after the other.",
             "- **Trial 0** is the nominal setting, and what every improvement is measured against.",
