@@ -6,7 +6,7 @@ import threading
 from collections import deque
 from concurrent.futures import CancelledError, Future, InvalidStateError
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
@@ -227,10 +227,13 @@ def _kind_of(request: RunRequest) -> tuple[str, str]:
 
 
 def _failure(item: _Item, reason: str) -> RunOutcome:
-    outcome = RunOutcome(status="failed", trajectory=Trajectory.empty(), error=reason)
-    if item.paths is not None:
-        outcome = replace(outcome, log=item.paths.read_log_tail())
-    return replace(outcome, versions=versions_of(item.request))
+    return RunOutcome(
+        status="failed",
+        trajectory=Trajectory.empty(),
+        error=reason,
+        versions=versions_of(item.request),
+        log=item.paths.read_log_tail() if item.paths else "",
+    )
 
 
 def _death(exitcode: int, tries: int) -> str:

@@ -1,6 +1,7 @@
 """Lay out the three axes of the paper's figure: an option, the score, ground truth."""
 
 import math
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -54,6 +55,11 @@ def rim_axis_layout(points: PointSet) -> dict[str, Any]:
     return {"overlaying": base, "range": [0, 1], "visible": False, "fixedrange": True}
 
 
+def spreads_far(values: Sequence[float]) -> bool:
+    """Tell whether scores or errors spread so far that their axis should be logarithmic."""
+    return bool(values) and min(values) > 0 and max(values) / min(values) > _LOG_FROM_RATIO
+
+
 def _with_margin(low: float, high: float) -> list[float]:
     margin = _MARGIN_SHARE * (high - low or 1.0)
     return [low - margin, high + margin]
@@ -65,6 +71,5 @@ def _coloured(title: str, colour: str) -> dict[str, Any]:
 
 
 def _scale(values: list[float]) -> dict[str, Any]:
-    far = bool(values) and min(values) > 0 and max(values) / min(values) > _LOG_FROM_RATIO
     # Plotly would otherwise place the ticks of one axis to suit those of the other, at crooked numbers.
-    return {"type": "log", "tickmode": "linear", "dtick": 1} if far else {"tickmode": "auto"}
+    return {"type": "log", "tickmode": "linear", "dtick": 1} if spreads_far(values) else {"tickmode": "auto"}

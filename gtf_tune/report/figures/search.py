@@ -12,10 +12,10 @@ from optuna.importance import PedAnovaImportanceEvaluator
 
 from gtf_tune.report.figures import theme
 from gtf_tune.report.figures.hover import trial_text
+from gtf_tune.report.figures.option_axes import spreads_far
 from gtf_tune.report.tables.optuna_copy import infeasible_level
 from gtf_tune.report.tables.points import PointSet
 
-_LOG_FROM_RATIO = 20.0
 _STATES = (
     ("infeasible", theme.WRONG, "x-thin"),
     ("pruned", theme.REPROJECTION, "triangle-down"),
@@ -35,8 +35,7 @@ def history_figure(study: optuna.Study, points: PointSet) -> go.Figure:
     )
     for state, colour, symbol in _STATES:
         _add_state(drawn, points, state, (colour, symbol))
-    values = [point.value for point in points.scored]
-    far = bool(values) and min(values) > 0 and max(values) / min(values) > _LOG_FROM_RATIO
+    far = spreads_far([point.value for point in points.scored])
     drawn.update_layout(
         xaxis=theme.axis("trial"),
         yaxis=theme.axis(points.unit.label, **({"type": "log", "dtick": 1} if far else {})),
