@@ -211,13 +211,15 @@ def _spared(definition: "StudyDefinition", efforts: list["Effort"]) -> str:
 
 
 def _write_trials(chosen: list["Trial"], truth: TrueErrors, unit: "ScoreUnit", names: list[str]) -> None:
+    fragile = any(trial.collapsed_rate for trial in chosen)  # the column costs width, and is 0 % in most studies
     columns = [">trial", f">{unit.name} [{unit.short}]", ">± se", *truth.columns, ">coverage"]
+    columns += [">collapsed"] if fragile else []
     columns += [f">{name}" for name in _short_names(names)] if len(names) <= _OPTION_COLUMNS else ["options"]
     rows = []
     for trial in chosen:
         row = [_ordinal(trial), _score(trial, unit), unit.text(trial.standard_error)]
         row += truth.cells(trial.ordinal)
-        row.append(_share(trial.coverage))
+        row += [_share(trial.coverage), *([_share(trial.collapsed_rate)] if fragile else [])]
         values = [_value((trial.options or {}).get(name)) for name in names]
         pairs = zip(_short_names(names), values, strict=True)
         row += values if len(names) <= _OPTION_COLUMNS else [", ".join(f"{name}={value}" for name, value in pairs)]
@@ -303,5 +305,5 @@ def _pick_as_json(found: "Pick", recommended: "Recommendation") -> dict[str, Any
     }
 
 
-def _share(coverage: float | None) -> str:
-    return "-" if coverage is None else f"{coverage:.0%}"
+def _share(share: float | None) -> str:
+    return "-" if share is None else f"{share:.0%}"

@@ -39,6 +39,19 @@ def test_resume_says_what_is_done_and_what_is_left(cli: Cli, room: Path) -> None
     assert "4 of 4 trials done" in cli("study", "resume", "small").err
 
 
+def test_show_gives_the_share_of_collapsed_runs_where_there_are_any(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS)
+    cli("study", "run", "small", "--jobs", "1")
+    cli("study", "create", "fragile", *CREATE[3:-2], "-K", "6", "--setting", "collapse_rate=0.3", *AXIS)
+    cli("study", "run", "fragile", "--jobs", "1")
+
+    heads = [cli("study", "show", name).out.partition("  trial ")[2].splitlines()[0] for name in ("small", "fragile")]
+    rates = [trial["collapsed_rate"] for trial in json.loads(cli("study", "show", "fragile", "--json").out)["trials"]]
+
+    assert any(rates)
+    assert ["collapsed" in head for head in heads] == [False, True]
+
+
 def test_show_as_json_holds_definition_and_trials(cli: Cli, room: Path) -> None:
     cli(*CREATE, *AXIS)
     cli("study", "run", "small", "--jobs", "1")
