@@ -202,8 +202,8 @@ _FIELD_TABLE = "| field | value | default | meaning |\n|---|---|---|---|"
 _COMMANDS_HEAD = """# Commands
 
 This page is generated from `--help`. `--storage` and `GTF_TUNE_STORAGE` name the database (see [storage](storage.md));
-reading commands take `--json`. Results go to stdout, progress and notes to stderr. Exit codes: 0 done, 1 a mistake that
-the message explains, 2 wrong usage, 130 interrupted.
+most reading commands take `--json`. Results go to stdout, progress and notes to stderr. Exit codes: 0 done, 1 a mistake
+that the message explains (or what `storage check`, `doctor` and `worker --once` found), 2 wrong usage, 130 interrupted.
 """
 
 _DEFINITION_HEAD = """# Study definition: every field

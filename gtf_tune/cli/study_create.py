@@ -56,7 +56,9 @@ def create(
     ] = None,
     aggregate: Annotated[str | None, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")] = None,
     side: Side = None,
-    sampler: Annotated[str | None, typer.Option("--sampler", help="refine, grid, tpe, gp, cmaes, qmc, random.")] = None,
+    sampler: Annotated[
+        str | None, typer.Option("--sampler", help="auto, refine, grid, tpe, gp, cmaes, qmc or random.")
+    ] = None,
     trials: Annotated[int | None, typer.Option("--trials", "-n", help="Trials, the nominal one included.")] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Seed of the whole study.")] = None,
     storage: Storage = DEFAULT_STORAGE,

@@ -19,7 +19,10 @@ if TYPE_CHECKING:
     from gtf_tune.store.trials import Trial
 
 Format = Annotated[str, typer.Option("--format", "-f", help="colmap-ini, colmap-cli, json, csv or tum.")]
-Output = Annotated[Path | None, typer.Option("--output", "-o", help="A file (a folder for tum); default stdout.")]
+Output = Annotated[
+    Path | None,
+    typer.Option("--output", "-o", help="A file (default stdout); for tum a folder (default STUDY-trial-N)."),
+]
 TrialNumber = Annotated[int | None, typer.Option("--trial", help="Another trial than the recommended one.")]
 
 

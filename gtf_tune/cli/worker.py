@@ -50,8 +50,8 @@ def worker(
     """Work on every open study of a storage, as one of many workers on many machines.
 
     Waits for new studies until it is stopped, unless --once or --idle-exit say otherwise; with --once, trials that it
-    had to leave to others make it exit with 1. SIGTERM and Ctrl-C finish the runs in flight for 6 seconds at most,
-    release the trial and end.
+    had to leave to others make it exit with 1. Ctrl-C finishes the runs in flight, twice stops at once; SIGTERM gives
+    them 6 seconds. What is finished is kept, and the trial is given back.
 
     Example: gtf-tune worker --storage studies.db --once
     """
