@@ -13,7 +13,9 @@ from gtf_tune.cli.storage_access import hush_optuna, open_storage
 def dashboard(
     host: Annotated[str, typer.Option("--host", help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option("--port", help="Port to listen on; 0 takes any free one.")] = 8080,
-    artifacts: Annotated[Path | None, typer.Option("--artifacts", help="Folder of the attached files.")] = None,
+    artifacts: Annotated[
+        Path | None, typer.Option("--artifacts", help="Folder of the attached files (default: beside a SQLite file).")
+    ] = None,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Print the link only.")] = False,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:

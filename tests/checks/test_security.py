@@ -10,6 +10,8 @@ PACKAGE = Path(__file__).parents[2] / "gtf_tune"
 FILES = sorted(PACKAGE.rglob("*.py"))
 FORBIDDEN_CALLS = {"eval", "exec", "compile", "os.system", "os.popen", "yaml.load", "pickle.load", "pickle.loads"}
 FORBIDDEN_IMPORTS = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "yaml"}
+NETWORK_CLIENTS = {"urllib", "http", "requests", "httpx", "aiohttp", "ftplib", "smtplib", "paramiko"}
+CONNECTING_CALLS = {"socket.socket", "socket.create_connection"}
 EXCEPT = {"testing.py"}  # the pipelines' contract pickles a pipeline and reads it back, inside the tests
 
 
@@ -30,6 +32,16 @@ def test_no_file_runs_text_as_code_or_reads_objects_from_bytes(path: Path) -> No
 
     assert not imported & FORBIDDEN_IMPORTS
     assert not {name for name, _ in calls(tree)} & FORBIDDEN_CALLS
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_no_file_opens_a_network_connection_of_its_own(path: Path) -> None:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    imported = {alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names}
+    imported |= {str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+
+    assert not {name.partition(".")[0] for name in imported} & NETWORK_CLIENTS
+    assert not {name for name, _ in calls(tree)} & CONNECTING_CALLS
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
