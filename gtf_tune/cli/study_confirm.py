@@ -38,6 +38,7 @@ def confirm(
 
     Example: gtf-tune study confirm photos --top 3 --runs 16
     """
+    from gtf_tune.report.dashboard.sync import DashboardSync
     from gtf_tune.study.confirm import confirm as confirm_plan
     from gtf_tune.study.confirm import plan_confirmation
     from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
@@ -56,6 +57,7 @@ def confirm(
             again = f"gtf-tune study confirm {name} --top {top} --runs {runs}{storage_flag(database)}"
             say(f"stopped; the same command goes on: {again}")
             raise typer.Exit(INTERRUPTED_EXIT_CODE) from None
+    DashboardSync(database, name, warn=say).bring_up_to_date()
     if json:
         write_json(found.result)
         return

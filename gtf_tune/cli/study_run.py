@@ -95,15 +95,11 @@ def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int) -> No
     from gtf_tune.cli.progress import StudyProgress
     from gtf_tune.report.dashboard.sync import DashboardSync
     from gtf_tune.study.events import Several
-    from gtf_tune.study.export import setting_files
     from gtf_tune.study.stop import STOP_NOW, StopRequest, signals_to
     from gtf_tune.study.worker import StudyWorker
 
     stop = StopRequest()
-    definition = study.definition
-    dashboard = DashboardSync(
-        study.database, definition.name, export=lambda options: setting_files(definition, options), warn=say
-    )
+    dashboard = DashboardSync(study.database, study.definition.name, warn=say)
     with (
         signals_to(stop, say),
         executor,
@@ -112,7 +108,7 @@ def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int) -> No
         dashboard.study_started()
         done = StudyWorker(study, executor, stop, Several((progress, dashboard))).work(trial_parallel)
         if stop.level < STOP_NOW:
-            dashboard.study_finished()
+            dashboard.bring_up_to_date()
     if stop.level and not done:
         say(f"stopped; go on with: gtf-tune study resume {study.definition.name}{storage_flag(study.database)}")
         raise typer.Exit(INTERRUPTED_EXIT_CODE)

@@ -175,8 +175,8 @@ def sequences(database: Database, study_id: int) -> list[StudySequence]:
     return [StudySequence(*row) for row in read_rows(database, query)]
 
 
-def summaries(database: Database) -> list[StudySummary]:
-    """Return one line for each study, oldest first, by one query."""
+def summaries(database: Database, study_id: int | None = None) -> list[StudySummary]:
+    """Return one line for each study, or for one of them, oldest first, by one query."""
     trial, study = models.Trial, models.Study
     complete = trial.state == "complete"
     value = case((complete & trial.feasible.is_(True), trial.value))
@@ -199,6 +199,7 @@ def summaries(database: Database) -> list[StudySummary]:
             study.definition,
         )
         .outerjoin(trial, trial.study_id == study.id)
+        .where(*([] if study_id is None else [study.id == study_id]))
         .group_by(study.id)
         .order_by(study.id)
     )

@@ -1,10 +1,13 @@
 import json
 from pathlib import Path
 
+import optuna
+import optuna_dashboard
 import pytest
 
 from gtf_tune.store import confirmations, studies
 from gtf_tune.store.database import open_database
+from gtf_tune.store.optuna_tables import optuna_storage
 from gtf_tune.study.export import FORMATS, formats_of
 from tests.cli.conftest import Cli
 
@@ -26,6 +29,18 @@ def test_best_says_unconfirmed_until_it_is_confirmed(tuned: Cli) -> None:
 
     assert "unconfirmed" in before.err
     assert json.loads(tuned("study", "best", "small", "--json").out)["verdict"] == "unconfirmed"
+
+
+def test_the_note_in_the_dashboard_has_the_verdict(tuned: Cli, tmp_path: Path) -> None:
+    def note() -> str:
+        database = open_database(str(next(tmp_path.rglob("*.db"))))
+        body: str = optuna_dashboard.get_note(optuna.load_study(study_name="small", storage=optuna_storage(database)))
+        database.close()
+        return body
+
+    assert "not confirmed yet" in note()
+    tuned(*CONFIRM)
+    assert note().startswith("# Adopt the options of trial ")
 
 
 def test_a_confirmed_setting_is_the_one_that_best_and_export_give(tuned: Cli) -> None:

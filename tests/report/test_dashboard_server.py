@@ -1,6 +1,7 @@
 import http.client
 import json
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 
 from gtf_tune.errors import DefinitionError
 from gtf_tune.report.dashboard import server as server_module
+from gtf_tune.report.dashboard import upkeep
 from gtf_tune.report.dashboard.place import artifact_folder
 from gtf_tune.report.dashboard.server import DashboardServer, serve_dashboard
 from gtf_tune.report.dashboard.sync import DashboardSync
@@ -82,6 +84,41 @@ def test_the_link_is_announced_and_opened_unless_told_not_to(
     assert opened[0] in said[0]
     assert len(opened) == 1
     assert said[1] == "dashboard ended"
+
+
+def test_notes_are_written_while_the_dashboard_is_served(
+    own_database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    syncs = [DashboardSync(own_database, name) for name in ("synthetic", "two", "single", "empty")]
+
+    def serve(_: DashboardServer) -> None:
+        give_up_at = time.monotonic() + 60
+        while not all(one.is_current() for one in syncs) and time.monotonic() < give_up_at:
+            time.sleep(0.05)
+
+    monkeypatch.setattr(DashboardServer, "serve", serve)
+    said: list[str] = []
+
+    serve_dashboard(own_database, port=0, announce=said.append, open_browser=False)
+
+    assert [one.is_current() for one in syncs] == [True] * 4
+    assert len(said) == 1
+
+
+def test_upkeep_warns_once_and_goes_on(own_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+    rounds = threading.Semaphore(0)
+
+    def refuse(_: str) -> Database:
+        rounds.release()
+        raise OSError("gone away")
+
+    monkeypatch.setattr(upkeep, "open_database", refuse)
+    said: list[str] = []
+
+    with upkeep.Upkeep(own_database, warn=said.append, refresh_s=0.0):
+        assert all(rounds.acquire(timeout=20) for _ in range(3))
+
+    assert said == ["optuna-dashboard's content could not be brought up to date (gone away)"]
 
 
 def test_an_address_that_others_reach_is_warned_of(own_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:

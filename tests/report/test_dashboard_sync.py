@@ -31,12 +31,12 @@ class End:
 
 @pytest.fixture
 def synced(own_database: Database) -> DashboardSync:
-    """Return a sync of ``synthetic`` that exports a project file and fails loudly."""
+    """Return a sync of ``synthetic`` that fails loudly."""
 
     def fail(message: str) -> None:
         raise AssertionError(message)
 
-    return DashboardSync(own_database, "synthetic", export=lambda o: {"project.ini": f"max={o}"}, warn=fail)
+    return DashboardSync(own_database, "synthetic", warn=fail)
 
 
 def attributes(database: Database) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def test_a_study_gets_its_note_its_figures_and_its_files(own_database: Database,
     found = figures(own_database)
     assert found["gtf-option-filter.max_error-walk"]["layout"]["title"]["text"] == "filter.max_error"
     assert {"gtf-matrix-walk-best", "gtf-matrix-walk-nominal", "gtf-coverage"} <= found.keys()
-    assert files(own_database, "artifacts:").keys() == {"trials.csv", "project.ini"}
+    assert files(own_database, "artifacts:").keys() == {"trials.csv", "options.json"}
     assert attributes(own_database)["study:metric_names"] == ["GTF ATE / extent"]
 
 
@@ -153,10 +153,22 @@ def test_figures_are_not_written_after_every_trial(own_database: Database, monke
 
 
 def test_the_end_brings_trials_up_to_date_that_dead_workers_left(own_database: Database, synced: DashboardSync) -> None:
-    synced.study_finished()
+    synced.bring_up_to_date()
 
     finished = [one.optuna_trial_id for one in trials.of_study(own_database, STUDY_ID)]
     assert all(f"dashboard:{one}:note_ver" in attributes(own_database) for one in finished)
+
+
+def test_a_study_is_current_until_something_changes(
+    own_database: Database, synced: DashboardSync, confirm_study: Callable[[Database, str], None]
+) -> None:
+    assert not synced.is_current()
+    synced.bring_up_to_date()
+    assert synced.is_current()
+
+    confirm_study(own_database, "adopt")
+
+    assert not synced.is_current()
 
 
 def test_a_fault_is_one_warning_and_never_an_error(own_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -166,10 +178,10 @@ def test_a_fault_is_one_warning_and_never_an_error(own_database: Database, monke
 
     synced.study_started()
     synced.trial_finished(End(3))
-    synced.study_finished()
+    synced.bring_up_to_date()
 
     assert len(warnings) == 1
-    assert "the study goes on (division by zero)" in warnings[0]
+    assert "all else goes on (division by zero)" in warnings[0]
 
 
 def test_a_fault_of_the_database_is_one_line(own_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:

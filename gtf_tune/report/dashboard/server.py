@@ -12,6 +12,7 @@ import optuna_dashboard
 
 from gtf_tune.errors import DefinitionError
 from gtf_tune.report.dashboard.place import artifact_folder, artifact_store
+from gtf_tune.report.dashboard.upkeep import Upkeep
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna_tables import optuna_storage
@@ -34,7 +35,7 @@ def serve_dashboard(
     announce: Callable[[str], None] = lambda _: None,
     open_browser: bool = True,
 ) -> None:
-    """Serve the studies of a database in optuna-dashboard until Ctrl-C.
+    """Serve the studies of a database in optuna-dashboard until Ctrl-C, and keep notes, figures and files up to date.
 
     ``announce`` receives sentences for the user, the link among them. Port 0 takes any free port. optuna-dashboard asks
     nobody for a password: only a loopback address keeps others from deleting studies.
@@ -44,7 +45,10 @@ def serve_dashboard(
     DefinitionError
         The address cannot be served.
     """
-    with DashboardServer(database, host, port, artifacts) as server:
+    with (
+        DashboardServer(database, host, port, artifacts) as server,
+        Upkeep(database, artifacts=artifacts, warn=announce),
+    ):
         if host not in _LOOPBACK:
             announce(f"warning: whoever reaches {host} can change and delete studies; prefer an ssh tunnel")
         announce(f"dashboard of {database.shown_url}: {server.link} (Ctrl-C ends it)")

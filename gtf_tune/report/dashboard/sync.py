@@ -2,13 +2,14 @@
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import astuple
 from pathlib import Path
 
 import optuna
 from sqlalchemy.exc import SQLAlchemyError
 
-from gtf_tune.pipelines import OptionValue
+from gtf_tune.pipelines.run import digest
 from gtf_tune.report.dashboard import attachments, notes
 from gtf_tune.report.dashboard.attachments import Attachment
 from gtf_tune.report.dashboard.figures import key_figures
@@ -20,19 +21,20 @@ from gtf_tune.report.study_data import StudyData, read_search, read_trials
 from gtf_tune.report.tables.costs import runs_made
 from gtf_tune.report.tables.verdict import study_verdict
 from gtf_tune.report.units import definition_unit
-from gtf_tune.store import runs, studies
+from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.faults import storage_error
 from gtf_tune.store.optuna_tables import optuna_storage
 from gtf_tune.study.events import Silent, TrialEnd
-
-Exporter = Callable[[Mapping[str, OptionValue]], Mapping[str, str]]
-"""Turn the options of a setting into files, content by name, such as a COLMAP project file."""
+from gtf_tune.study.export import setting_files
+from gtf_tune.version import __version__
 
 REFRESH_S = 60.0
 """Seconds between two refreshes of figures while a study runs."""
 
-_SHARE = 0.02
+SHARE = 0.02
+"""Largest share of the time that refreshes of a study may take."""
+
 _PATIENCE_S = 5.0
 _CATCH_UP_S = 10.0
 
@@ -48,8 +50,6 @@ class DashboardSync(Silent):
     ----------
     artifacts
         Folder of the files; by default beside a SQLite file, and none on a server.
-    export
-        What to attach for the best setting.
     """
 
     def __init__(
@@ -58,14 +58,12 @@ class DashboardSync(Silent):
         study_name: str,
         *,
         artifacts: Path | None = None,
-        export: Exporter = lambda _: {},
         warn: Callable[[str], None] = lambda _: None,
         refresh_s: float = REFRESH_S,
     ) -> None:
         self._database = database
         self._name = study_name
         self._artifacts = artifacts
-        self._export = export
         self._warn = warn
         self._refresh_s = refresh_s
         self._next_refresh_at = 0.0
@@ -83,8 +81,18 @@ class DashboardSync(Silent):
         if time.monotonic() >= self._next_refresh_at:
             self._guarded(lambda: self._refresh(0.0))
 
-    def study_finished(self) -> None:
-        """Write everything as it stands now, also what workers that died left out."""
+    def is_current(self) -> bool:
+        """Return whether nothing has changed since the study's note and figures were written.
+
+        Raises
+        ------
+        StorageError
+            There is no such study, or the database does not answer.
+        """
+        return self._opened().written_for() == self._state()
+
+    def bring_up_to_date(self) -> None:
+        """Write everything as it stands now, also what other workers and those that died left out."""
         self._guarded(lambda: self._catch_up(time.monotonic() + _CATCH_UP_S))
         self._guarded(lambda: self._refresh(_PATIENCE_S))
 
@@ -121,6 +129,12 @@ class DashboardSync(Silent):
         for attachment in self._study_files(data):
             writer.write_study_file(attachment)
 
+    def _state(self) -> str:
+        """Return a digest of what the note and the figures depend on."""
+        study = studies.get(self._database, self._name)
+        (facts,) = studies.summaries(self._database, study.id)
+        return digest([__version__, len(confirmations.of_study(self._database, study.id)), *astuple(facts)])
+
     def _refresh(self, patience_s: float) -> None:
         if not self._refreshing.acquire(blocking=patience_s > 0):
             return
@@ -129,10 +143,12 @@ class DashboardSync(Silent):
             study_id = studies.get(self._database, self._name).id
             with turn_to_write(self._database, study_id, patience_s) as mine:
                 if mine:
+                    state = self._state()  # first: what changes meanwhile is then written again
                     self.write_study()
+                    self._opened().set_written_for(state)
         finally:
             ended = time.monotonic()
-            self._next_refresh_at = ended + max(self._refresh_s, (ended - started) / _SHARE)
+            self._next_refresh_at = ended + max(self._refresh_s, (ended - started) / SHARE)
             self._refreshing.release()
 
     def _catch_up(self, give_up_at: float) -> None:
@@ -154,7 +170,7 @@ class DashboardSync(Silent):
 
     def _study_files(self, data: StudyData) -> list[Attachment]:
         chosen = {change.option: change.chosen for change in study_verdict(data).changes}
-        exported = self._export(chosen) if chosen else {}
+        exported = setting_files(data.definition, chosen) if chosen else {}
         files = [Attachment(name, "text/plain", content.encode()) for name, content in exported.items()]
         return [attachments.trial_table(data), *files]
 
@@ -178,7 +194,7 @@ class DashboardSync(Silent):
                 self._has_warned = True
                 reason = storage_error(error, self._database.url) if isinstance(error, SQLAlchemyError) else error
                 said = " ".join(str(reason).split())
-                self._warn(f"optuna-dashboard could not be brought up to date, the study goes on ({said})")
+                self._warn(f"optuna-dashboard could not be brought up to date, all else goes on ({said})")
 
 
 def _facts(data: StudyData) -> dict[str, str]:

@@ -21,6 +21,7 @@ from gtf_tune.report.html import figure_id
 from gtf_tune.report.panels.blocks import Drawing
 
 _NAMESPACE = uuid.UUID("9f0c7a52-3d0b-5c1e-8e43-6a1d6f4f2b77")
+_WRITTEN_FOR = "gtf-tune:written-for"
 _MOST_HOVERED = 300
 _DIGITS = 6
 
@@ -68,6 +69,14 @@ class DashboardWriter:
         # optuna-dashboard numbers the versions of a note under this name.
         parts = (key.split(":") for key in self.storage.get_study_system_attrs(self.study_id))
         return {int(one[1]) for one in parts if len(one) == 3 and one[0] == "dashboard" and one[2] == "note_ver"}
+
+    def written_for(self) -> str:
+        """Return the state of the study for which its note and figures were written last; empty if never."""
+        return str(self.storage.get_study_system_attrs(self.study_id).get(_WRITTEN_FOR, ""))
+
+    def set_written_for(self, state: str) -> None:
+        """Keep the state of the study for which its note and figures are written now."""
+        self.storage.set_study_system_attr(self.study_id, _WRITTEN_FOR, state)
 
     def write_figure(self, drawing: Drawing) -> None:
         """Replace the figure of this name."""
