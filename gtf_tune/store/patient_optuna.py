@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from types import MappingProxyType
 from typing import Any, cast
 
+from optuna.distributions import BaseDistribution, distribution_to_json
 from optuna.storages import BaseStorage, RDBStorage
 from optuna.storages._rdb import models
 from optuna.storages._rdb.storage import _create_scoped_session
@@ -58,6 +59,7 @@ _KEPT = MappingProxyType(
         models.TrialUserAttributeModel: "key",
         models.TrialSystemAttributeModel: "key",
         models.TrialIntermediateValueModel: "step",
+        models.TrialParamModel: "param_name",
     }
 )
 """What can be gathered, each with the column that tells the rows of a trial apart."""
@@ -89,7 +91,7 @@ class PatientStorage(RDBStorage):
 
     @contextmanager
     def gathered(self) -> Iterator[None]:
-        """Write the attributes and intermediate values that this thread sets meanwhile in one transaction at the end.
+        """Write what this thread sets of trials meanwhile in one transaction at the end: options, attributes, values.
 
         Nothing is written where an exception ends it.
         """
@@ -113,8 +115,25 @@ class PatientStorage(RDBStorage):
                 if not mine:
                     continue
                 insert = upsert(kind).values(list(mine.values()))
+                if kind is models.TrialParamModel:  # a worker that was cut off must not change what another has chosen
+                    session.execute(insert.on_conflict_do_nothing(index_elements=["trial_id", name]))
+                    continue
                 changed = {column: insert.excluded[column] for column in next(iter(mine.values()))}
                 session.execute(insert.on_conflict_do_update(index_elements=["trial_id", name], set_=changed))
+
+    def _set_trial_param(
+        self,
+        trial_id: int,
+        param_name: str,
+        param_value_internal: float,
+        distribution: BaseDistribution,
+        previous_distribution: BaseDistribution | None,
+    ) -> None:
+        if self._gathered.rows is None:
+            super()._set_trial_param(trial_id, param_name, param_value_internal, distribution, previous_distribution)
+            return
+        row = {"param_value": param_value_internal, "distribution_json": distribution_to_json(distribution)}
+        self._gathered.rows.append((models.TrialParamModel, {"trial_id": trial_id, "param_name": param_name, **row}))
 
     def set_trial_user_attr(self, trial_id: int, key: str, value: Any) -> None:
         """Set a user attribute now, or with all others that are gathered."""

@@ -3,10 +3,12 @@
 import warnings
 from typing import Any
 
-from optuna.distributions import CategoricalDistribution
+from optuna import Study
+from optuna.distributions import BaseDistribution, CategoricalDistribution
 from optuna.exceptions import ExperimentalWarning
 from optuna.pruners import BasePruner, NopPruner, WilcoxonPruner
 from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, QMCSampler, RandomSampler, TPESampler
+from optuna.trial import FrozenTrial
 
 from gtf_tune.definition import DEFAULT_TRIALS, SearchDefinition, StudyDefinition
 from gtf_tune.errors import DefinitionError
@@ -27,6 +29,27 @@ _EXTRAS = {"gp": ("torch", "gp"), "cmaes": ("cmaes", "cmaes")}
 _BLIND_TO_STOPPED = ("gp", "cmaes")
 
 
+class _NumberedPoints(QMCSampler):
+    """Take the point of the sequence that the trial's number names.
+
+    Optuna counts the draws: a worker that died while it drew would leave a point out, and workers that draw at the same
+    time would get the same one.
+    """
+
+    _point = 0
+
+    def sample_relative(
+        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
+    ) -> dict[str, Any]:
+        """Return the options of a trial; trial 0 is nominal and not asked for."""
+        self._point = max(trial.number - 1, 0)
+        return super().sample_relative(study, trial, search_space)
+
+    def _find_sample_id(self, study: Study, search_space: dict[str, BaseDistribution]) -> int:
+        del study, search_space
+        return self._point
+
+
 def make_sampler(search: SearchDefinition, ordinal: int, space: SearchSpace) -> BaseSampler:
     """Return the sampler that chooses the options of trial ``ordinal``.
 
@@ -44,7 +67,7 @@ def make_sampler(search: SearchDefinition, ordinal: int, space: SearchSpace) -> 
         "refine": lambda: _refine(space, seeds.sampler_seed(0), seed),
         "gp": lambda: GPSampler(seed=seed, deterministic_objective=False),
         "cmaes": lambda: CmaEsSampler(seed=seed, warn_independent_sampling=False),
-        "qmc": lambda: QMCSampler(seed=seeds.sampler_seed(0), warn_independent_sampling=False),
+        "qmc": lambda: _NumberedPoints(seed=seeds.sampler_seed(0), warn_independent_sampling=False),
         "random": lambda: RandomSampler(seed=seed),
         "grid": lambda: RandomSampler(seed=seed),
     }

@@ -98,7 +98,9 @@ class TrialRunner:
             if trial_id is None:
                 trial_id = with_optuna(self.study.database, lambda: self._create(slot.ordinal))
             trial = optuna_trials.start(study, trial_id)
-            options = self.study.space.suggest(trial)
+            # All of its options at once: of some alone, whoever takes the trial over would draw others for the rest.
+            with gathered(trial.storage):
+                options = self.study.space.suggest(trial)
         if not slots.attach_optuna_trial(self.study.database, slot, trial_id, trial.number, options):
             raise Interrupted
         gtf = self.study.definition.gtf

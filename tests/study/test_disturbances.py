@@ -100,6 +100,37 @@ def test_a_worker_killed_between_two_steps_loses_and_repeats_nothing(
     assert [trial.state for trial in told] == [TrialState.COMPLETE] * 4
 
 
+FOUR_OPTIONS: dict[str, Any] = {
+    "filter.max_error": {"low": 3e-4, "high": 0.1, "log": True},
+    "robust.scale": {"low": 0.01, "high": 10.0, "log": True},
+    "robust.kernel": {"values": ["trivial", "huber", "cauchy"]},
+    "tracks.min_length": {"low": 2, "high": 9},
+}
+
+
+@pytest.mark.parametrize("sampler", ["random", "tpe", "qmc"])
+def test_a_worker_killed_while_it_chooses_options_leaves_the_choice_as_it_would_have_been(
+    sampler: str, room: Path, tmp_path: Path, database: Database, run_study: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gtf = {"clean_runs": 1, "noisy_runs": 2}
+    data = definition_of(room, space=FOUR_OPTIONS, gtf=gtf, search={"sampler": sampler, "trials": 4})
+    calm = create_database(str(tmp_path / "calm.db"))
+    for one in (calm, database):
+        create_study(one, checked_definition(data, "test"), tmp_path)
+    StudyWorker(open_study(calm, "small"), InlineExecutor()).work()
+    dead = replace(this_worker(), pid_started=1)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(slots, "release", lambda *_: None)
+        # Four options of trial 0, then two of trial 1.
+        patched.setattr(optuna.trial.Trial, "_suggest", killed(optuna.trial.Trial._suggest, 7, before=True))
+        with pytest.raises(Killed):
+            StudyWorker(open_study(database, "small"), InlineExecutor(), worker=dead).work()
+    run_study(data)
+
+    assert study_digest(database, "small") == study_digest(calm, "small")
+
+
 class Meanwhile(Silent):
     """Do something once, after the fifth run of a study."""
 
