@@ -31,12 +31,17 @@ def create_for_slot(study: optuna.Study, ordinal: int, fixed: Mapping[str, Any] 
 def start(study: optuna.Study, trial_id: int) -> Trial:
     """Return the running trial of an id; a trial that another owner has begun is continued with the same options.
 
+    The sampler learns from all trials that have ended by now: like `Study.ask`, which is not used here, this drops the
+    list of trials that Optuna keeps for each thread. TPE, GP and CMA-ES would else see that of their first trial for
+    ever.
+
     Raises
     ------
     UpdateFinishedTrialError
         Another owner has finished it.
     """
     storage_of(study).set_trial_state_values(trial_id, state=TrialState.RUNNING)
+    study._thread_local.cached_all_trials = None
     return Trial(study, trial_id)
 
 

@@ -1,8 +1,11 @@
 import math
 from pathlib import Path
+from typing import Any, ClassVar
 
 import optuna
 import pytest
+from optuna.samplers import RandomSampler
+from optuna.trial import FrozenTrial, TrialState
 
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.store import runs, studies, trials, validations
@@ -128,6 +131,44 @@ def test_an_interrupted_study_goes_on_as_if_it_had_never_stopped(
 
     assert executed == 7 * 5
     assert study_digest(database, "small") == study_digest(undisturbed, "small")
+
+
+def test_tpe_goes_on_after_its_start_up_trials_as_if_it_had_never_stopped(
+    room: Path, tmp_path: Path, database: Database, run_study: Runner
+) -> None:
+    few = {"clean_runs": 1, "noisy_runs": 2}
+    data = definition_of(room, gtf=few, search={"sampler": "tpe", "trials": 14})
+    undisturbed = create_database(str(tmp_path / "undisturbed.db"))
+    create_study(undisturbed, checked_definition(data, "test"), tmp_path)
+    StudyWorker(open_study(undisturbed, "small"), InlineExecutor()).work()
+
+    stop = StopRequest()
+    run_study(data, stop=stop, listener=_StopAfter(stop, 3 * 11))
+    run_study(data)
+
+    assert study_digest(database, "small") == study_digest(undisturbed, "small")
+
+
+class _Onlooker(RandomSampler):
+    """Note how many ended trials Optuna shows to the samplers that learn from them, when a trial is begun."""
+
+    seen: ClassVar[list[int]] = []
+
+    def sample_independent(self, study: optuna.Study, trial: FrozenTrial, *axis: Any) -> Any:
+        ended = study._get_trials(deepcopy=False, states=[TrialState.COMPLETE], use_cache=True)
+        self.seen.append(len(ended))
+        return super().sample_independent(study, trial, *axis)
+
+
+def test_samplers_learn_from_every_trial_that_has_ended(
+    room: Path, run_study: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(_Onlooker, "seen", [])
+    monkeypatch.setattr("gtf_tune.study.trial.make_sampler", lambda *_: _Onlooker())
+
+    run_study(definition_of(room, search={"trials": 5}))
+
+    assert _Onlooker.seen == [1, 2, 3, 4]
 
 
 def test_a_study_makes_the_same_trials_with_and_without_ground_truth(
