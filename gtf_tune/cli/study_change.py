@@ -17,6 +17,7 @@ from gtf_tune.cli.values import parse_pair, parse_pairs
 if TYPE_CHECKING:
     from gtf_tune.report.units import ScoreUnit
     from gtf_tune.store.database import Database
+    from gtf_tune.store.studies import Study
     from gtf_tune.study.rescore import Rescored, RescoredTrial
 
 Aggregate = Annotated[str | None, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")]
@@ -93,13 +94,25 @@ def extend(
         extended = extend_study(database, name, extension)
         say(f"extended study '{name}'; workers that are at it now notice when they are started again")
         if not trials_left(database, extended):
-            say("all of its trials are done, so nothing searches the new range yet; give it more trials")
-            say(f"Next: gtf-tune study extend {name} --trials N{storage_flag(database)}")
+            _say_nothing_is_left(extended, bool(axes), storage_flag(database))
             return
     else:
         derive_study(database, name, extension, new_name)
         say(f"created study '{new_name}' on the runs of '{name}'")
     say(f"Next: gtf-tune study run {new_name or name}{storage_flag(database)}")
+
+
+def _say_nothing_is_left(study: "Study", has_wider_range: bool, flag: str) -> None:
+    """Say on stderr why an extended study has no trial to do, and how to give it some."""
+    from gtf_tune.study.stored import stored_definition
+
+    if stored_definition(study).search.sampler == "grid":
+        say("every point of its grid has its trial already; a new study on the same runs may have more of them")
+        say(f"Next: gtf-tune study extend {study.name} --as NEW-NAME --range NAME=LOW:HIGH{flag}")
+        return
+    new = "nothing searches the new range yet" if has_wider_range else "it has nothing to do yet"
+    say(f"all of its trials are done, so {new}; give it more trials")
+    say(f"Next: gtf-tune study extend {study.name} --trials N{flag}")
 
 
 def _true_errors(database: "Database", name: str, side: list[str] | None, places: list[str] | None) -> TrueErrors:

@@ -105,9 +105,10 @@ def _is_file(source: str) -> bool:
 def _add_pipeline(data: dict[str, Any], name: str | None, options: dict[str, Any], settings: dict[str, Any]) -> None:
     _put(data, "pipeline", name=name)
     for part, given in (("options", options), ("settings", settings)):
-        if given:
-            section = data.get("pipeline") or {}
-            data["pipeline"] = {**section, part: {**section.get(part, {}), **given}}
+        section = data.get("pipeline") or {}
+        if given and isinstance(section, dict):
+            data["pipeline"] = dict(section)
+            _put(data["pipeline"], part, **given)
 
 
 def _add_sequences(data: dict[str, Any], folders: list[Path] | None) -> None:
@@ -159,8 +160,7 @@ def _add_space(data: dict[str, Any], ranges: list[str], lists: list[str]) -> Non
     for text in lists:
         name, values = parse_pair(text, "--values")
         axes[name] = {"values": [parse_value(value.strip()) for value in values.split(",")]}
-    if axes:
-        data["space"] = {**data.get("space", {}), **axes}
+    _put(data, "space", **axes)
 
 
 def parse_range(text: str, bounds: str) -> dict[str, Any]:
@@ -173,7 +173,9 @@ def parse_range(text: str, bounds: str) -> dict[str, Any]:
     return {"low": ends[0], "high": ends[1], "log": parts[2:] == ["log"]}
 
 
-def _put(data: dict[str, Any], section: str, **values: object) -> None:
+def _put(data: dict[str, Any], section: str, /, **values: object) -> None:
+    """Put what is given into a section; one that is no table stays as it is, for the check to name it."""
     given: Mapping[str, object] = {name: value for name, value in values.items() if value is not None}
-    if given:
-        data[section] = {**(data.get(section) or {}), **given}
+    found = data.get(section) or {}
+    if given and isinstance(found, dict):
+        data[section] = {**found, **given}

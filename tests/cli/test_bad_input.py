@@ -56,6 +56,28 @@ def test_what_a_study_lacks_is_named_by_its_flags_where_it_comes_from_flags(cli:
     assert "--range" not in from_file.err
 
 
+@pytest.mark.parametrize(
+    ("section", "flags"),
+    [
+        ('pipeline = "analytic"', ("-p", "analytic")),
+        ('pipeline = "analytic"', ("-o", "tracks.min_length=3")),
+        ("pipeline.options = 3", ("-o", "tracks.min_length=3")),
+        ('space = "all"', AXIS),
+        ("gtf = 3", ("-K", "3")),
+    ],
+)
+def test_a_section_that_is_no_table_is_named_also_where_flags_add_to_it(
+    section: str, flags: tuple[str, ...], cli: Cli, room: Path
+) -> None:
+    Path("small.toml").write_text(f'name = "small"\n{section}\n')
+
+    _assert_one_sentence(cli("study", "create", "small.toml", *flags), "should be a table")
+
+
+def test_an_unknown_key_of_any_name_is_told(cli: Cli, room: Path) -> None:
+    _assert_one_sentence(cli(*CREATE, *AXIS, "--side", "section=3"), "unknown key 'side_metric.section'")
+
+
 def test_an_empty_folder_is_named(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "room").mkdir()
 

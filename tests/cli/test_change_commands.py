@@ -79,6 +79,26 @@ def test_extend_asks_for_trials_where_none_is_left_to_search_a_wider_range(tuned
     assert both.err.splitlines()[-1] == "Next: gtf-tune study run small"
 
 
+def test_extend_asks_for_more_trials_than_there_are_without_a_word_of_ranges(tuned: Cli) -> None:
+    done = len(json.loads(tuned("study", "show", "small", "--json").out)["trials"])
+
+    same = tuned("study", "extend", "small", "--trials", str(done))
+
+    assert "give it more trials" in same.err
+    assert "range" not in same.err
+
+
+def test_extend_says_that_a_full_grid_has_no_more_points(cli: Cli, room: Path) -> None:
+    few = ("-k", "1", "-K", "1")
+    cli("study", "create", "steps", "-p", "analytic", "-s", "room", "-v", "tracks.min_length=3,4", *few)
+    cli("study", "run", "steps", "--jobs", "1")
+
+    full = cli("study", "extend", "steps", "--trials", "30")
+
+    assert "every point of its grid" in full.err
+    assert full.err.splitlines()[-1] == "Next: gtf-tune study extend steps --as NEW-NAME --range NAME=LOW:HIGH"
+
+
 def test_extend_refuses_what_cannot_be_compared_and_names_the_way_out(tuned: Cli) -> None:
     refused = tuned("study", "extend", "small", "--noisy-runs", "6")
     derived = tuned("study", "extend", "small", "--noisy-runs", "6", "--as", "more")
