@@ -181,6 +181,28 @@ def test_runs_that_share_few_frames_prevent_an_adoption() -> None:
     ]
 
 
+def failed_at(found: GtfScore, run: int) -> GtfScore:
+    """Return a score one of whose noisy runs gave no trajectory."""
+    failed = np.arange(NOISY) == run
+    return replace(
+        found,
+        matrix=np.where(failed, np.nan, found.matrix),
+        coverage_noisy=np.where(failed, 0.0, found.coverage_noisy),
+        matched=np.where(failed, 0, found.matched),
+        pair_errors={(row, run): "no poses" for row in range(2)},
+    )
+
+
+def test_as_many_failed_runs_as_under_nominal_prevent_nothing() -> None:
+    candidate = failed_at(score(0.5, seed=1), 5)
+
+    elsewhere = judge(findings({"a": candidate}, nominal={"a": failed_at(score(1.0), 3)}), GTF)
+    more = judge(findings({"a": candidate}, nominal={"a": score(1.0)}), GTF)
+
+    assert (elsewhere["verdict"], elsewhere["candidates"][0]["reasons"]) == ("adopt", [])
+    assert more["verdict"] == "keep nominal"
+
+
 def test_one_failed_run_of_nominal_does_not_open_the_door_to_settings_that_drop_frames() -> None:
     nominal = score(1.0)
     nominal = replace(nominal, coverage_clean=np.array([1.0, 0.0]))
