@@ -23,6 +23,7 @@ from gtf_tune.study.evaluation import RunSlot, RunSource
 from gtf_tune.study.noise import with_noise
 from gtf_tune.study.objective import settings_of
 from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence
+from gtf_tune.study.places import folder_of
 from gtf_tune.study.plan import RunPlanner, run_order
 from gtf_tune.study.recommendation import without_feasible_trial
 from gtf_tune.study.seeds import SeedSource
@@ -131,7 +132,8 @@ def _all_sequences(study: OpenStudy, places: Mapping[str, Path]) -> dict[str, Se
     found = dict(study.sequences)
     for one in study.definition.sequences:
         if one.holdout:
-            found[one.name] = load_defined_sequence(one, Path(study.record.root), places.get(one.name))
+            root = Path(study.record.root)
+            found[one.name] = load_defined_sequence(one, root, folder_of(one, root, places))
             check_fingerprint(found[one.name], expected[one.name])
     return found
 

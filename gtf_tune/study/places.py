@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from gtf_tune.definition import StudyDefinition
+from gtf_tune.definition import SequenceDefinition, StudyDefinition
 from gtf_tune.errors import SequenceError
 from gtf_tune.store.studies import StudySequence
 
@@ -45,13 +45,26 @@ def folders_of(definition: StudyDefinition, root: Path, named: Mapping[str, Path
     for name in named:
         if name not in names:
             raise SequenceError(f"--sequence {name}=PATH: study '{definition.name}' has only {', '.join(names)}")
-    found = {one.name: named.get(one.name, root / one.path) for one in definition.searched_sequences}
-    for name, folder in found.items():
-        if name not in named and not folder.exists():
-            raise SequenceError(
-                f"sequence '{name}' is not at {folder} on this machine; give its place with --sequence {name}=PATH"
-            )
-    return found
+    return {one.name: folder_of(one, root, named) for one in definition.searched_sequences}
+
+
+def folder_of(sequence: SequenceDefinition, root: Path, named: Mapping[str, Path]) -> Path:
+    """Return where one sequence of a study lies: where ``named`` says, otherwise where the study says.
+
+    Raises
+    ------
+    SequenceError
+        It does not lie where the study says.
+    """
+    if sequence.name in named:
+        return named[sequence.name]
+    folder = root / sequence.path
+    if not folder.exists():
+        raise SequenceError(
+            f"sequence '{sequence.name}' is not at {folder} on this machine; give its place with --sequence "
+            f"{sequence.name}=PATH"
+        )
+    return folder
 
 
 def _below(root: Path, sequence: StudySequence) -> Path:

@@ -16,6 +16,7 @@ from gtf_tune.store.slots import Slot
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.validations import Validation
 from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence
+from gtf_tune.study.places import folder_of
 from gtf_tune.study.scoring import ScoredTrial
 from gtf_tune.study.stored import stored_definition
 from gtf_tune.trajectory import Trajectory
@@ -86,7 +87,8 @@ def _ground_truths(database: Database, study: studies.Study, places: Mapping[str
     for one in stored_definition(study).searched_sequences:
         if not known[one.name].has_ground_truth:
             continue
-        sequence = load_defined_sequence(one, Path(study.root), places.get(one.name))
+        root = Path(study.root)
+        sequence = load_defined_sequence(one, root, folder_of(one, root, places))
         check_fingerprint(sequence, known[one.name].fingerprint)
         if sequence.ground_truth is not None:
             found[one.name] = sequence.ground_truth

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from gtf_tune.errors import DefinitionError
+from gtf_tune.errors import DefinitionError, SequenceError
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.execution.base import RunLimits
 from gtf_tune.store import confirmations, runs, studies, trials
@@ -137,6 +137,20 @@ def test_a_held_out_sequence_is_run_only_at_confirmation(
     by_sequence = found.result["candidates"][0]["by_sequence"]
     assert by_sequence["other"]["holdout"]
     assert not by_sequence["room"]["holdout"]
+
+
+def test_a_held_out_sequence_that_lies_elsewhere_is_asked_for_by_its_flag(
+    room: Path, tmp_path: Path, database: Database, run_study: Runner
+) -> None:
+    other = write_sequence(tmp_path / "other", ground_truth=False, frames=9)
+    both = [{"name": "room", "path": str(room)}, {"name": "other", "path": str(other), "holdout": True}]
+    run_study(definition_of(room, sequences=both, **GRID))
+    moved = other.rename(tmp_path / "moved")
+
+    with pytest.raises(SequenceError, match=r"--sequence other=PATH"):
+        _plan(database)
+    study = open_study(database, "small", {"other": moved})
+    assert "other" in plan_confirmation(study, {"other": moved}).sequences
 
 
 def test_too_few_noisy_runs_are_refused(room: Path, database: Database, run_study: Runner) -> None:

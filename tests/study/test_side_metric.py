@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gtf_tune.definition import SideMetricDefinition
-from gtf_tune.errors import DefinitionError
+from gtf_tune.errors import DefinitionError, SequenceError
 from gtf_tune.metrics import RpeSettings, rpe
 from gtf_tune.pipelines import analytic
 from gtf_tune.store import runs, studies, trials, validations
@@ -72,6 +72,16 @@ def test_stored_trajectories_give_what_a_study_with_that_metric_records(
     assert found == _recorded(database, "asked")
     assert executor.executed == []
     assert study_digest(database, "small") == before
+
+
+def test_ground_truth_that_lies_elsewhere_is_asked_for_by_its_flag(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    run_study(definition_of(room, **SHORT))
+    room.rename(room.with_name("moved"))
+
+    with pytest.raises(SequenceError, match=r"--sequence room=PATH"):
+        recompute_side_metric(database, "small", SideMetricDefinition())
 
 
 def test_without_ground_truth_there_is_nothing_to_recompute(
