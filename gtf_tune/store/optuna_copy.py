@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import digest
 from gtf_tune.store.database import Database
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.optuna_tables import optuna_storage, with_optuna
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
@@ -29,7 +29,7 @@ def create_optuna_study(source: Database, target: Database, source_id: int, name
 
     directions = optuna_storage(source).get_study_directions(source_id)
     try:
-        return optuna_storage(target).create_new_study(directions, name)
+        return with_optuna(target, lambda: optuna_storage(target).create_new_study(directions, name))
     except DuplicatedStudyError as error:
         raise StorageError(
             f"{target.shown_url} already holds an Optuna study '{name}' that gtf-tune does not know; delete it with "

@@ -74,12 +74,16 @@ def _update_ours(engine: Engine) -> None:
 
 
 def _update_optuna(url: URL) -> None:
+    from optuna.exceptions import StorageInternalError
     from optuna.storages import RDBStorage
 
-    # Optuna opens a second connection inside a transaction here, which our write lock at BEGIN would block for ever.
-    storage = RDBStorage(optuna_url(url), engine_kwargs=untuned_arguments(url), skip_compatibility_check=True)
-    if storage.get_current_version() != storage.get_head_version():
-        storage.upgrade()
+    try:
+        # Optuna opens a second connection inside a transaction, which our write lock at BEGIN would block for ever.
+        storage = RDBStorage(optuna_url(url), engine_kwargs=untuned_arguments(url), skip_compatibility_check=True)
+        if storage.get_current_version() != storage.get_head_version():
+            storage.upgrade()
+    except StorageInternalError as error:
+        raise error.__cause__ or error from error
     storage.remove_session()
     storage.engine.dispose()
 

@@ -17,7 +17,7 @@ from gtf_tune.pipelines import create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.optuna_tables import optuna_storage, with_optuna
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
 from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence, make_pipeline
 from gtf_tune.study.places import folders_of
@@ -128,7 +128,12 @@ def refuse_taken_name(database: Database, name: str) -> None:
 def _optuna_study(database: Database, definition: StudyDefinition) -> int:
     """Create the Optuna study, or take over the empty one of a creation that was interrupted."""
     storage = optuna_storage(database)
-    study = optuna.create_study(study_name=definition.name, storage=storage, direction="minimize", load_if_exists=True)
+    study = with_optuna(
+        database,
+        lambda: optuna.create_study(
+            study_name=definition.name, storage=storage, direction="minimize", load_if_exists=True
+        ),
+    )
     if study.get_trials(deepcopy=False):
         raise StorageError(
             f"{database.shown_url} has an Optuna study '{definition.name}' with trials that gtf-tune did not make; "

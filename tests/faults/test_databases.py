@@ -10,14 +10,16 @@ from sqlalchemy import text
 from gtf_tune.errors import GtfTuneError, StorageError
 from gtf_tune.execution import FreshStages, InlineExecutor, LocalExecutor, StageCache
 from gtf_tune.report.dashboard.place import turn_to_write
-from gtf_tune.store.database import open_database
-from gtf_tune.study.create import open_study
+from gtf_tune.store.copy import copy_study
+from gtf_tune.store.database import create_database, open_database
+from gtf_tune.study.create import checked_definition, create_study, open_study
 from gtf_tune.study.worker import StudyWorker
 from tests.faults.conftest import Disturb
 from tests.faults.counted import LOG_VARIABLE, PAUSE_VARIABLE
 from tests.faults.disks import SmallDisk
 from tests.faults.disturbance import NAME, wait_until
 from tests.faults.servers import RestartableServer
+from tests.study.conftest import definition_of, write_sequence
 
 DROP = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE application_name = 'gtf-tune'"
 
@@ -106,6 +108,38 @@ def test_a_study_on_a_full_disk_says_so_and_goes_on_when_there_is_room(
 
     assert "\n" not in str(caught.value)
     study.check(undisturbed())
+
+
+@pytest.mark.parametrize("room_kb", [60, 120, 200, 260])
+def test_a_disk_that_fills_up_while_a_storage_is_made_is_one_sentence(room_kb: int, small_disk: SmallDisk) -> None:
+    small_disk.fill()
+    with (small_disk.folder / "filler").open("ab") as filler:
+        filler.truncate(filler.tell() - room_kb * 1024)
+
+    with pytest.raises(StorageError, match=r"disk is full|check the disk"):
+        create_database(f"sqlite:///{small_disk.folder}/study.db")
+
+
+def test_a_disk_that_is_full_when_a_study_is_created_is_one_sentence(small_disk: SmallDisk, tmp_path: Path) -> None:
+    database = create_database(f"sqlite:///{small_disk.folder}/study.db")
+    definition = checked_definition(definition_of(write_sequence(tmp_path / "room", ground_truth=False)), "test")
+    small_disk.fill()
+
+    with pytest.raises(StorageError, match=r"disk is full|check the disk"):
+        create_study(database, definition, tmp_path)
+    small_disk.free()
+    assert create_study(database, definition, tmp_path).name == "small"
+
+
+def test_a_disk_that_is_full_when_a_study_is_copied_is_one_sentence(small_disk: SmallDisk, tmp_path: Path) -> None:
+    source = create_database(str(tmp_path / "source.db"))
+    target = create_database(f"sqlite:///{small_disk.folder}/study.db")
+    data = definition_of(write_sequence(tmp_path / "room", ground_truth=False))
+    create_study(source, checked_definition(data, "test"), tmp_path)
+    small_disk.fill()
+
+    with pytest.raises(StorageError, match=r"disk is full|check the disk"):
+        copy_study(source, target, "small")
 
 
 @pytest.mark.parametrize("what", ["cache", "scratch"])
