@@ -58,15 +58,15 @@ def noise(
     loaded = load_sequence(sequence, selection=parse_frames(frames), fewest=FEWEST_FRAMES)
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
         found = probe.measure(loaded, fresh_runs(executor, run_limits(LimitsDefinition())), _say_level)
-    if figure:
-        from gtf_tune.report.noise_page import write_noise_page
-
-        write_noise_page(figure, found, loaded.name, pipeline)
-        say(f"wrote {figure}")
     if json:
         write_json(_as_json(found))
     else:
         _write(found)
+    if figure:  # last: what was measured is told also where the file cannot be written
+        from gtf_tune.report.noise_page import write_noise_page
+
+        write_noise_page(figure, found, loaded.name, pipeline)
+        say(f"wrote {figure}")
 
 
 def _ladder(text: str) -> tuple[float, ...]:

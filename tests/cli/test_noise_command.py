@@ -26,6 +26,13 @@ def test_a_ladder_that_does_not_rise_is_refused(cli: Cli, room: Path) -> None:
     assert "rising grey levels" in said.err
 
 
+def test_noise_tells_what_it_measured_also_where_the_figure_cannot_be_written(cli: Cli, room: Path) -> None:
+    said = cli("noise", "room", "-p", "analytic", "--sigmas", "2,4", "--jobs", "1", "--figure", "no/folder.html")
+
+    assert (said.code, "cannot be written" in said.err) == (1, True)
+    assert "recommended noise: sigma" in said.out
+
+
 def test_noise_writes_its_curves_to_a_file(cli: Cli, room: Path) -> None:
     said = cli("noise", "room", "-p", "analytic", "--sigmas", "2,4", "--jobs", "1", "--figure", "noise.html")
 
