@@ -23,6 +23,7 @@ from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_seq
 from gtf_tune.study.places import folders_of
 from gtf_tune.study.sampler import check_search, make_pruner, make_sampler
 from gtf_tune.study.space import build_space, space_faults
+from gtf_tune.study.states import check_whole
 from gtf_tune.study.stored import stored_definition
 from gtf_tune.version import __version__
 
@@ -81,9 +82,11 @@ def open_study(
     Raises
     ------
     GtfTuneError
-        The study does not exist, its images are missing or differ, or the pipeline has another version here.
+        The study does not exist or is an unfinished copy, its images are missing or differ, or the pipeline has another
+        version here.
     """
     record = studies.get(database, name)
+    check_whole(record)
     definition = stored_definition(record)
     pipeline = make_pipeline(definition)
     mismatch = _version_mismatch(record, pipeline.name, pipeline.version)

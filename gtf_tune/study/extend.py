@@ -18,6 +18,7 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.opened import defined_budget, make_pipeline
+from gtf_tune.study.states import check_whole
 from gtf_tune.study.stored import stored_definition
 
 # Optuna's gp and qmc go by the ranges of the first trials: the one then draws at random, the other stays inside them.
@@ -50,8 +51,11 @@ def extend_study(database: Database, name: str, extension: Extension) -> Study:
         Nothing should change, or a change would make trials incomparable; the message says why and what to do.
     OptionError
         The pipeline has no such option.
+    StorageError
+        There is no such study, or it is an unfinished copy.
     """
     study = studies.get(database, name)
+    check_whole(study)
     definition = stored_definition(study)
     _refuse(definition, extension)
     extended = checked_definition(_changed(definition, extension), f"study '{name}'")

@@ -25,7 +25,7 @@ def reopen_study(database: Database, name: str) -> Study:
         There is no such study, or it is an unfinished copy.
     """
     study = studies.get(database, name)
-    _check_whole(study)
+    check_whole(study)
     if study.state != "open":
         studies.set_state(database, study.id, "open")
     return studies.get(database, name)
@@ -39,12 +39,13 @@ def check_open(study: Study) -> None:
     StorageError
         The study is paused, stopped, or an unfinished copy.
     """
-    _check_whole(study)
+    check_whole(study)
     if study.state not in ("open", "done"):
         raise StorageError(f"study '{study.name}' is {study.state}; open it with 'gtf-tune study resume {study.name}'")
 
 
-def _check_whole(study: Study) -> None:
+def check_whole(study: Study) -> None:
+    """Raise `StorageError` for an unfinished copy of a study."""
     if study.state == "copying":
         raise StorageError(
             f"study '{study.name}' is an unfinished copy; delete it with 'gtf-tune study delete {study.name}' and copy "

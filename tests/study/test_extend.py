@@ -2,9 +2,10 @@ from pathlib import Path
 
 import pytest
 
-from gtf_tune.errors import DefinitionError, OptionError
+from gtf_tune.errors import DefinitionError, OptionError, StorageError
 from gtf_tune.store import runs, studies, trials
 from gtf_tune.store.database import Database
+from gtf_tune.study.create import open_study
 from gtf_tune.study.extend import Extension, derive_study, extend_study
 from tests.study.conftest import Runner, definition_of
 
@@ -99,6 +100,17 @@ def test_a_derived_study_reuses_the_runs_that_are_the_same(room: Path, database:
     assert _options(database, "more") == _options(database)
     assert len(executor.executed) == 2 * 2
     assert runs.totals(database, derived.id).reused == 2 * (2 + 3)
+
+
+def test_an_unfinished_copy_is_neither_extended_nor_opened(room: Path, database: Database, run_study: Runner) -> None:
+    run_study(definition_of(room, search={"trials": 2}))
+    study_id = studies.get(database, "small").id
+    studies.set_state(database, study_id, "copying")
+
+    for use in (lambda: extend_study(database, "small", Extension(trials=4)), lambda: open_study(database, "small")):
+        with pytest.raises(StorageError, match="unfinished copy"):
+            use()
+    assert studies.get(database, "small").state == "copying"
 
 
 def test_nothing_to_extend_by_is_an_error(room: Path, database: Database, run_study: Runner) -> None:
