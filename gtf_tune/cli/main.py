@@ -13,6 +13,7 @@ from gtf_tune.cli.evaluate import evaluate
 from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.noise import noise
 from gtf_tune.cli.storage_access import close_storages
+from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE
 from gtf_tune.cli.worker import worker
 from gtf_tune.errors import GtfTuneError
 
@@ -39,11 +40,13 @@ app.command("doctor", rich_help_panel="Start")(doctor)
 
 
 def main() -> None:
-    """Run the command line; a `GtfTuneError` becomes one sentence on stderr and exit code 1."""
+    """Run the command line; a `GtfTuneError` becomes one sentence on stderr and exit code 1, Ctrl-C exit code 130."""
     try:
         app()
     except GtfTuneError as error:
         say(f"error: {error}")
         sys.exit(1)
+    except KeyboardInterrupt:  # before the command has begun, or after it; in between typer hears of it
+        sys.exit(INTERRUPTED_EXIT_CODE)
     finally:
         close_storages()

@@ -44,6 +44,8 @@ def export(
 
     if format_ not in export_module.FORMATS:
         raise DefinitionError(f"--format takes one of {', '.join(export_module.FORMATS)}, not '{format_}'")
+    if format_ == "csv" and trial is not None:
+        raise DefinitionError("--format csv writes all trials; drop --trial, or take --format json for one of them")
     database = open_storage(storage)
     study = studies.get(database, name)
     if format_ == "csv":

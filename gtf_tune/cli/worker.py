@@ -55,10 +55,13 @@ def worker(
 
     Example: gtf-tune worker --storage studies.db --once
     """
+    from gtf_tune.errors import DefinitionError
     from gtf_tune.study.places import SequencePlaces
     from gtf_tune.study.serving import ServingRules, StudyServer
     from gtf_tune.study.stop import StopRequest, signals_to
 
+    if once and idle_exit is not None:
+        raise DefinitionError("--once leaves as soon as nothing is left, --idle-exit S seconds later; give one of them")
     rules = ServingRules(
         names=tuple(study or ()),
         places=SequencePlaces(place_folders(sequence), data_root),

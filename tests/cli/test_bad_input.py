@@ -74,6 +74,24 @@ def test_a_section_that_is_no_table_is_named_also_where_flags_add_to_it(
     _assert_one_sentence(cli("study", "create", "small.toml", *flags), "should be a table")
 
 
+def test_one_trial_is_no_table_of_trials(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS)
+
+    said = cli("study", "export", "small", "--format", "csv", "--trial", "1")
+
+    _assert_one_sentence(said, "--format csv writes all trials", "--format json")
+    assert said.out == ""
+
+
+def test_ctrl_c_before_a_command_begins_says_nothing(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gtf_tune.cli.main.app", interrupted)
+
+    assert cli("study", "list") == Said(130, "", "")
+
+
 def test_an_unknown_key_of_any_name_is_told(cli: Cli, room: Path) -> None:
     _assert_one_sentence(cli(*CREATE, *AXIS, "--side", "section=3"), "unknown key 'side_metric.section'")
 

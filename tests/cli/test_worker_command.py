@@ -41,6 +41,17 @@ def test_a_worker_says_which_trials_it_had_to_leave_and_fails_with_once(cli: Cli
         assert last.startswith("left 2 trials of study 'small' to other workers: sequence 'room' is not at")
 
 
+def test_a_worker_leaves_in_one_way_only(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "-n", "2")
+
+    said = cli("worker", "--once", "--idle-exit", "5")
+
+    assert said.code == 1
+    assert (
+        said.err == "error: --once leaves as soon as nothing is left, --idle-exit S seconds later; give one of them\n"
+    )
+
+
 def test_a_paused_study_is_not_run_until_it_is_resumed(cli: Cli, room: Path) -> None:
     cli(*CREATE, *AXIS, "-n", "2")
     cli("study", "pause", "small")
