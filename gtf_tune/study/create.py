@@ -2,7 +2,7 @@
 
 import contextlib
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -12,7 +12,7 @@ from optuna.exceptions import ExperimentalWarning
 from pydantic import TypeAdapter, ValidationError
 
 from gtf_tune.definition import Axis, StudyDefinition, definition_from_dict, dump_definition
-from gtf_tune.errors import DefinitionError, GtfTuneError, StorageError
+from gtf_tune.errors import DefinitionError, GtfTuneError, SequenceError, StorageError
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
@@ -53,7 +53,8 @@ def create_study(database: Database, definition: StudyDefinition, root: Path) ->
     Raises
     ------
     GtfTuneError
-        A sequence cannot be read, an option is refused, a package is missing, or the name is taken.
+        A sequence cannot be read, two of them have the same images, an option is refused, a package is missing, or the
+        name is taken.
     """
     pipeline = make_pipeline(definition)
     pipeline.options.check(definition.pipeline.options)
@@ -61,6 +62,7 @@ def create_study(database: Database, definition: StudyDefinition, root: Path) ->
     check_search(definition)
     refuse_taken_name(database, definition.name)
     loaded = [load_defined_sequence(one, root) for one in definition.sequences]
+    _refuse_same_images(loaded)
     rows = tuple(_row(one.path, sequence) for one, sequence in zip(definition.sequences, loaded, strict=True))
     resolved = {
         "noise_sigma": _sigmas(definition),
@@ -126,6 +128,18 @@ def refuse_taken_name(database: Database, name: str) -> None:
     """Raise `StorageError` if the database has a study of this name."""
     if name in studies.names(database):
         raise studies.name_is_taken(database, name)
+
+
+def _refuse_same_images(sequences: Iterable[Sequence]) -> None:
+    """Raise `SequenceError` for two sequences of the same pixels: they are no two witnesses, nor is one held out."""
+    names: dict[str, str] = {}
+    for one in sequences:
+        other = names.setdefault(one.fingerprint, one.name)
+        if other != one.name:
+            raise SequenceError(
+                f"sequences '{other}' and '{one.name}' have the same images, which would count as if they were "
+                "independent; leave one of them out, or give it other frames"
+            )
 
 
 def _optuna_study(database: Database, definition: StudyDefinition) -> int:

@@ -25,7 +25,7 @@ def create(cli: Cli, name: str, gtf: str = "", *sequences: str) -> None:
 
 @pytest.fixture
 def studies_of_all_units(cli: Cli, room: Path) -> None:
-    write_sequence(Path("hall"), ground_truth=False)
+    write_sequence(Path("hall"), ground_truth=False, frames=11)
     create(cli, "extent")
     create(cli, "raw", RAW)
     create(cli, "rotation", ROTATION)

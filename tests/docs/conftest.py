@@ -55,8 +55,8 @@ def quick_command_line() -> Iterator[Command]:
 def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with photos, a second walk and a video."""
     folder = tmp_path_factory.mktemp("material")
-    for name in ("photos", "second-walk"):
-        shutil.move(write_sequence(folder / "full", ground_truth=False) / "rgb", folder / name)
+    for name, frames in {"photos": 12, "second-walk": 11}.items():
+        shutil.move(write_sequence(folder / "full", ground_truth=False, frames=frames) / "rgb", folder / name)
         shutil.rmtree(folder / "full")
     _write_video(folder / "walk.mp4")
     return folder

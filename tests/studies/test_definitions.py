@@ -81,8 +81,8 @@ def test_a_study_can_be_created_and_opened(folder: Path, tmp_path: Path) -> None
     data = load_definition(min(folder.glob("*.toml"))).model_dump(mode="json")
     if data["pipeline"]["name"] in (DROID, COMMAND):
         pytest.skip("this pipeline needs a program that is not part of gtf-tune")
-    for sequence in data["sequences"]:
-        write_sequence(tmp_path / sequence["name"], ground_truth=False)
+    for number, sequence in enumerate(data["sequences"]):
+        write_sequence(tmp_path / sequence["name"], ground_truth=False, frames=8 + number)
         sequence.update(
             path=sequence["name"], layout="auto", start=None, stop=None, stride=None, max_frames=None, rate_hz=None
         )

@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 
 from gtf_tune.definition import GtfDefinition
+from gtf_tune.errors import SequenceError
 from gtf_tune.gtf import GtfScore
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
+from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.objective import SequenceScore, score_trial
 from tests.study.conftest import Runner, definition_of, write_sequence
 
@@ -85,3 +87,12 @@ def test_scores_of_each_sequence_are_stored(room: Path, tmp_path: Path, database
     assert trial.ci_low is not None
     assert trial.ci_high is not None
     assert trial.ci_low < trial.value < trial.ci_high
+
+
+@pytest.mark.parametrize("holdout", [True, False])
+def test_the_same_images_are_no_second_sequence(holdout: bool, room: Path, database: Database) -> None:
+    copied = write_sequence(room.with_name("copied"), ground_truth=False)
+    both = [{"name": "room", "path": str(room)}, {"name": "copied", "path": str(copied), "holdout": holdout}]
+
+    with pytest.raises(SequenceError, match="'room' and 'copied' have the same images"):
+        create_study(database, checked_definition(definition_of(room, sequences=both), "test"), room)
