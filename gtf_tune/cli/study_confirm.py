@@ -9,7 +9,7 @@ from gtf_tune.cli.console import number, percent, say, write_json, write_line, w
 from gtf_tune.cli.executors import cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
-from gtf_tune.cli.study_notes import suggest_export, suggest_working_nominal
+from gtf_tune.cli.study_notes import suggest_export, suggest_nominal_that_works, suggest_working_nominal
 from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE, Places, VersionMismatch, open_for_work, place_folders
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def confirm(
     from gtf_tune.study.confirm import plan_confirmation
     from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
     from gtf_tune.study.stop import StopRequest, signals_to
-    from gtf_tune.study.verdicts import NO_VERDICT
+    from gtf_tune.study.verdicts import KEEP, NO_VERDICT
 
     database = open_storage(storage)
     study = open_for_work(database, name, sequence, allow_version_mismatch)
@@ -62,7 +62,9 @@ def confirm(
         write_json(found.result)
         return
     _write(found)
-    if found.verdict == NO_VERDICT:
+    if found.verdict == KEEP and not plan.nominal.feasible:
+        suggest_nominal_that_works(name, storage_flag(database))
+    elif found.verdict == NO_VERDICT:
         suggest_working_nominal(name, storage_flag(database))
     else:
         suggest_export(database, name, study.definition.pipeline.name)

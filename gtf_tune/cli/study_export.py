@@ -66,7 +66,8 @@ def _choose(database: "Database", study: "Study", ordinal: int | None) -> "Trial
     if ordinal is not None:
         return trials.get(database, study.id, ordinal)
     found = recommend(database, study.id, study.name)
-    say(f"verdict: {found.verdict}; writing trial {found.trial.ordinal}")
+    against = ", though the last confirmation turned it down" if found.turned_down else ""
+    say(f"verdict: {found.verdict}; writing trial {found.trial.ordinal}{against}")
     return found.trial
 
 

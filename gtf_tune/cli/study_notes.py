@@ -69,6 +69,14 @@ def suggest_working_nominal(name: str, flag: str) -> None:
     )
 
 
+def suggest_nominal_that_works(name: str, flag: str) -> None:
+    """Say on stderr what to do where a confirmation speaks for a nominal setting that failed in the search."""
+    say(
+        "the confirmation turned the best setting down, and nominal failed in the search, so neither is recommended: "
+        f"create a study whose nominal options (--option) work. Next: gtf-tune study report {name}{flag}"
+    )
+
+
 def suggest_outcome(database: "Database", name: str) -> None:
     """Say on stderr how to see the setting to use, or, where no trial is feasible, what became of the trials."""
     from gtf_tune.store import studies, trials

@@ -20,6 +20,7 @@ from gtf_tune.cli.study_notes import (
     STOPPED_EARLY,
     suggest_after_show,
     suggest_export,
+    suggest_nominal_that_works,
     suggest_working_nominal,
     warn_of_lost_frames,
     warn_of_mixed_versions,
@@ -141,7 +142,9 @@ def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE
     picks = [one for one in (recommended.trial, found.best) if one is not None]
     warn_of_mixed_versions(database, study.id, [one.ordinal for one in picks])
     warn_of_lost_frames(database, study.id)
-    if recommended.verdict == UNCONFIRMED and recommended.confirmation:
+    if recommended.turned_down:
+        suggest_nominal_that_works(name, storage_flag(database))
+    elif recommended.verdict == UNCONFIRMED and recommended.confirmation:
         suggest_working_nominal(name, storage_flag(database))
     elif recommended.verdict == UNCONFIRMED:
         say("unconfirmed: the best of many trials looks better than it is")

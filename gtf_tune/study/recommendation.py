@@ -9,7 +9,7 @@ from gtf_tune.errors import StorageError
 from gtf_tune.store import confirmations, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.verdicts import ADOPT, KEEP, NO_VERDICT, compared
+from gtf_tune.study.verdicts import ADOPT, KEEP, compared
 
 UNCONFIRMED = "unconfirmed"
 
@@ -19,12 +19,14 @@ class Recommendation:
     """Hold the trial to use and the verdict behind it: *adopt*, *keep nominal* or *unconfirmed*.
 
     ``confirmation`` is the result of the last confirmation, also of one that came to no verdict; empty where there is
-    none, or where the options of the best trial of today were not among those that it compared.
+    none, or where the options of the best trial of today were not among those that it compared. ``turned_down`` says
+    that the confirmation speaks for a nominal setting that failed in the search, so that there is nothing to recommend.
     """
 
     trial: Trial
     verdict: str
     confirmation: Mapping[str, Any]
+    turned_down: bool = False
 
     @property
     def candidate(self) -> Mapping[str, Any]:
@@ -56,7 +58,7 @@ def recommend(database: Database, study_id: int, name: str) -> Recommendation:
         return Recommendation(trials.get(database, study_id, result["adopted"]), ADOPT, result)
     if known[-1].verdict == KEEP and nominal.feasible:
         return Recommendation(nominal, KEEP, result)
-    return Recommendation(best, UNCONFIRMED, result if known[-1].verdict == NO_VERDICT else {})
+    return Recommendation(best, UNCONFIRMED, result, turned_down=known[-1].verdict == KEEP)
 
 
 def without_feasible_trial(database: Database, name: str) -> str:

@@ -85,6 +85,26 @@ def test_best_says_what_to_do_where_nominal_did_not_work(tuned: Cli) -> None:
     assert "study confirm" not in said.err
 
 
+def test_a_setting_that_was_turned_down_is_not_to_be_confirmed_again_where_nominal_failed(cli: Cli, room: Path) -> None:
+    # Some runs fail whatever the options are: with this seed nominal's do, and those of another setting do not.
+    failing = ("--setting", "failure=error", "--setting", "failure_rate=0.35", "--seed", "1", "-k", "1", "-K", "2")
+    axis = ("-v", "filter.max_error=0.02,0.03,0.04,0.05,0.06")
+    cli("study", "create", "small", "-p", "analytic", "-s", "room", *axis, *failing)
+    cli("study", "run", "small", "--jobs", "1")
+
+    confirmed = cli("study", "confirm", "small", "--runs", "8", "--jobs", "1")
+    best = cli("study", "best", "small")
+    exported = cli("study", "export", "small", "--format", "json")
+
+    assert "verdict: keep nominal" in confirmed.out
+    assert "study export" not in confirmed.err
+    assert "infeasible" in best.out
+    assert "on fresh noise" in " ".join(best.out.split())
+    assert "study confirm" not in best.err
+    assert "the confirmation turned the best setting down" in best.err
+    assert "though the last confirmation turned it down" in exported.err
+
+
 def test_a_confirmation_as_json_holds_effect_interval_and_p_value(tuned: Cli) -> None:
     (candidate,) = json.loads(tuned(*CONFIRM, "--json").out)["candidates"]
 
