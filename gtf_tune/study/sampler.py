@@ -8,7 +8,6 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution
 from optuna.exceptions import ExperimentalWarning
 from optuna.pruners import BasePruner, NopPruner, WilcoxonPruner
 from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, QMCSampler, RandomSampler, TPESampler
-from optuna.trial import FrozenTrial
 
 from gtf_tune.definition import DEFAULT_TRIALS, SearchDefinition, StudyDefinition
 from gtf_tune.errors import DefinitionError
@@ -30,20 +29,15 @@ _BLIND_TO_STOPPED = ("gp", "cmaes")
 
 
 class _NumberedPoints(QMCSampler):
-    """Take the point of the sequence that the trial's number names.
+    """Take one point of the sequence, whoever draws it and when.
 
     Optuna counts the draws: a worker that died while it drew would leave a point out, and workers that draw at the same
     time would get the same one.
     """
 
-    _point = 0
-
-    def sample_relative(
-        self, study: Study, trial: FrozenTrial, search_space: dict[str, BaseDistribution]
-    ) -> dict[str, Any]:
-        """Return the options of a trial; trial 0 is nominal and not asked for."""
-        self._point = max(trial.number - 1, 0)
-        return super().sample_relative(study, trial, search_space)
+    def __init__(self, point: int, seed: int) -> None:
+        super().__init__(seed=seed, warn_independent_sampling=False)
+        self._point = point
 
     def _find_sample_id(self, study: Study, search_space: dict[str, BaseDistribution]) -> int:
         del study, search_space
@@ -54,8 +48,8 @@ def make_sampler(search: SearchDefinition, ordinal: int, space: SearchSpace) -> 
     """Return the sampler that chooses the options of trial ``ordinal``.
 
     Its seed follows from the study's seed and the ordinal alone, so a resumed study goes on as if it had never stopped.
-    The quasi-random sampler keeps one seed: its points are one sequence, numbered by the trials. A grid is enqueued,
-    and only trials beyond it fall back to random search.
+    The quasi-random sampler keeps one seed: its points are one sequence, numbered by the trials after nominal. A grid
+    is enqueued, and only trials beyond it fall back to random search.
     """
     require_extra(search.sampler)
     seeds = SeedSource(search.seed)
@@ -67,7 +61,7 @@ def make_sampler(search: SearchDefinition, ordinal: int, space: SearchSpace) -> 
         "refine": lambda: _refine(space, seeds.sampler_seed(0), seed),
         "gp": lambda: GPSampler(seed=seed, deterministic_objective=False),
         "cmaes": lambda: CmaEsSampler(seed=seed, warn_independent_sampling=False),
-        "qmc": lambda: _NumberedPoints(seed=seeds.sampler_seed(0), warn_independent_sampling=False),
+        "qmc": lambda: _NumberedPoints(max(ordinal - 1, 0), seeds.sampler_seed(0)),
         "random": lambda: RandomSampler(seed=seed),
         "grid": lambda: RandomSampler(seed=seed),
     }

@@ -57,6 +57,21 @@ def test_start_up_points_differ_between_trials_and_repeat_after_a_resume() -> No
     assert first_value(1) == first_value(1)
 
 
+def test_qmc_gives_a_trial_its_point_whatever_was_drawn_before() -> None:
+    import optuna
+
+    study = optuna.create_study(sampler=RandomSampler())
+    study.optimize(lambda trial: trial.suggest_float("x", 0.0, 1.0), n_trials=1)
+
+    def value(ordinal: int) -> float:
+        study.sampler = make_sampler(SearchDefinition(sampler="qmc"), ordinal, ONE_RANGE)
+        return study.ask().suggest_float("x", 0.0, 1.0)
+
+    drawn = [value(ordinal) for ordinal in (3, 2, 1, 2)]
+
+    assert drawn == [0.75, 0.5, 0.0, 0.5]
+
+
 def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
 
