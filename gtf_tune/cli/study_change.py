@@ -12,7 +12,7 @@ from gtf_tune.cli.study_create import Range, parse_range
 from gtf_tune.cli.study_notes import STOPPED_EARLY
 from gtf_tune.cli.study_run import Places, place_folders
 from gtf_tune.cli.true_errors import Side, TrueErrors
-from gtf_tune.cli.values import parse_pair, parse_pairs
+from gtf_tune.cli.values import parse_pairs, split_pairs
 
 if TYPE_CHECKING:
     from gtf_tune.report.units import ScoreUnit
@@ -88,7 +88,7 @@ def extend(
 
     hush_optuna()
     database = open_storage(storage)
-    axes = {option: parse_range(text, bounds) for text in range_ or [] for option, bounds in [parse_pair(text, "-r")]}
+    axes = {option: parse_range(option, bounds) for option, bounds in split_pairs(range_, "--range").items()}
     extension = Extension(trials, noisy_runs, axes)
     if new_name is None:
         extended = extend_study(database, name, extension)

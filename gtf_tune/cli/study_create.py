@@ -11,7 +11,7 @@ from gtf_tune.cli.console import say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Frames, Settings, Storage
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
 from gtf_tune.cli.true_errors import Side
-from gtf_tune.cli.values import parse_pair, parse_pairs, parse_value
+from gtf_tune.cli.values import parse_pairs, parse_value, refuse_repeated, split_pairs
 from gtf_tune.errors import DefinitionError
 
 Source = Annotated[str, typer.Argument(metavar="NAME|FILE.toml", help="Name of the study, or a study definition.")]
@@ -75,7 +75,10 @@ def create(
         data["name"] = name
     _add_pipeline(data, pipeline, parse_pairs(option, "--option"), parse_pairs(setting, "--setting"))
     _add_sequences(data, sequence)
-    _select(data, {"max_image_size": max_image_size, **parse_pairs(frames, "--frames")})
+    chosen = parse_pairs(frames, "--frames")
+    if max_image_size is not None and "max_image_size" in chosen:
+        raise DefinitionError("--max-image-size and --frames max_image_size say the same; give one of them")
+    _select(data, {"max_image_size": max_image_size, **chosen})
     _add_space(data, range_ or [], values or [])
     _put(data, "gtf", clean_runs=clean_runs, noisy_runs=_runs(noisy_runs), aggregate=aggregate)
     _put(data, "gtf", noise_sigma=None if noise_sigma is None else parse_value(noise_sigma))
@@ -153,23 +156,21 @@ def _select(data: dict[str, Any], selection: dict[str, Any]) -> None:
 
 
 def _add_space(data: dict[str, Any], ranges: list[str], lists: list[str]) -> None:
-    axes: dict[str, Any] = {}
-    for text in ranges:
-        name, bounds = parse_pair(text, "--range")
-        axes[name] = parse_range(text, bounds)
-    for text in lists:
-        name, values = parse_pair(text, "--values")
-        axes[name] = {"values": [parse_value(value.strip()) for value in values.split(",")]}
+    bounds, values = split_pairs(ranges, "--range"), split_pairs(lists, "--values")
+    refuse_repeated([*bounds, *values], "--range or --values")
+    axes: dict[str, Any] = {name: parse_range(name, text) for name, text in bounds.items()}
+    for name, text in values.items():
+        axes[name] = {"values": [parse_value(value.strip()) for value in text.split(",")]}
     _put(data, "space", **axes)
 
 
-def parse_range(text: str, bounds: str) -> dict[str, Any]:
-    """Return the axis of ``--range NAME=LOW:HIGH[:log]``, of which ``bounds`` is what follows the name."""
+def parse_range(name: str, bounds: str) -> dict[str, Any]:
+    """Return the axis of ``--range NAME=LOW:HIGH[:log]``, of which ``bounds`` is what follows the equals sign."""
     parts = bounds.split(":")
     ends = [parse_value(part) for part in parts[:2]]
     are_numbers = len(ends) == 2 and all(isinstance(end, int | float) and not isinstance(end, bool) for end in ends)
     if not are_numbers or parts[2:] not in ([], ["log"], ["linear"]):
-        raise DefinitionError(f"--range takes NAME=LOW:HIGH or NAME=LOW:HIGH:log, not '{text}'")
+        raise DefinitionError(f"--range takes NAME=LOW:HIGH or NAME=LOW:HIGH:log, not '{name}={bounds}'")
     return {"low": ends[0], "high": ends[1], "log": parts[2:] == ["log"]}
 
 

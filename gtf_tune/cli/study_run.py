@@ -10,7 +10,7 @@ from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage, StudyName
 from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
 from gtf_tune.cli.study_notes import suggest_outcome, warn_of_lost_frames
-from gtf_tune.cli.values import parse_pair
+from gtf_tune.cli.values import split_pairs
 
 if TYPE_CHECKING:
     from gtf_tune.execution import Executor
@@ -124,7 +124,7 @@ def open_for_work(database: "Database", name: str, places: list[str] | None, all
 
 def place_folders(places: list[str] | None) -> dict[str, Path]:
     """Return the folders of the sequences that ``--sequence NAME=PATH`` names."""
-    return {name: Path(path) for name, path in (parse_pair(text, "--sequence") for text in places or [])}
+    return {name: Path(path) for name, path in split_pairs(places, "--sequence").items()}
 
 
 def _suggest_next(name: str, database: "Database") -> None:

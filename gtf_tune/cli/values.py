@@ -21,8 +21,28 @@ def parse_value(text: str) -> Any:
 
 
 def parse_pairs(texts: list[str] | None, flag: str) -> dict[str, Any]:
-    """Return the values of several NAME=VALUE."""
-    return {name: parse_value(value) for name, value in (parse_pair(text, flag) for text in texts or [])}
+    """Return the values of several NAME=VALUE, each name given once."""
+    return {name: parse_value(value) for name, value in split_pairs(texts, flag).items()}
+
+
+def split_pairs(texts: list[str] | None, flag: str) -> dict[str, str]:
+    """Return the texts after the equals signs of several NAME=VALUE by their names.
+
+    Raises
+    ------
+    DefinitionError
+        One of them is no pair, or a name is given twice.
+    """
+    pairs = [parse_pair(text, flag) for text in texts or []]
+    refuse_repeated([name for name, _ in pairs], flag)
+    return dict(pairs)
+
+
+def refuse_repeated(names: list[str], flag: str) -> None:
+    """Raise `DefinitionError` if a name is given twice: the last one would win without a word."""
+    for name in names:
+        if names.count(name) > 1:
+            raise DefinitionError(f"{flag} is given {names.count(name)} times for '{name}'; give it once")
 
 
 def parse_pair(text: str, flag: str) -> tuple[str, str]:

@@ -92,6 +92,19 @@ def test_ctrl_c_before_a_command_begins_says_nothing(cli: Cli, monkeypatch: pyte
     assert cli("study", "list") == Said(130, "", "")
 
 
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        ((*AXIS, "-r", "filter.max_error=1e-4:1"), "--range is given 2 times for 'filter.max_error'"),
+        ((*AXIS, "-v", "filter.max_error=0.01,0.1"), "--range or --values is given 2 times for 'filter.max_error'"),
+        ((*AXIS, "-o", "robust.scale=1", "-o", "robust.scale=2"), "--option is given 2 times for 'robust.scale'"),
+        ((*AXIS, "--max-image-size", "64", "--frames", "max_image_size=32"), "--max-image-size and --frames"),
+    ],
+)
+def test_flags_that_contradict_each_other_are_refused(flags: tuple[str, ...], said: str, cli: Cli, room: Path) -> None:
+    _assert_one_sentence(cli(*CREATE, *flags), said)
+
+
 def test_an_unknown_key_of_any_name_is_told(cli: Cli, room: Path) -> None:
     _assert_one_sentence(cli(*CREATE, *AXIS, "--side", "section=3"), "unknown key 'side_metric.section'")
 
