@@ -96,6 +96,10 @@ def extend(
         if not trials_left(database, extended):
             _say_nothing_is_left(extended, bool(axes), storage_flag(database))
             return
+        if extended.state != "open":
+            say(f"it stays {extended.state} until it is resumed")
+            say(f"Next: gtf-tune study resume {name}{storage_flag(database)}")
+            return
     else:
         derive_study(database, name, extension, new_name)
         say(f"created study '{new_name}' on the runs of '{name}'")

@@ -43,7 +43,7 @@ class Extension:
 
 
 def extend_study(database: Database, name: str, extension: Extension) -> Study:
-    """Change a study in place, open it for work, and return it.
+    """Change a study in place, open it where it was done, and return it; a paused or stopped one stays so.
 
     Raises
     ------
@@ -62,7 +62,8 @@ def extend_study(database: Database, name: str, extension: Extension) -> Study:
     _refuse_too_few(database, study, extended)
     history = [*study.resolved.get("extensions", ()), {"at": time.time(), "before": json.loads(study.definition)}]
     studies.set_definition(database, study.id, dump_definition(extended), {**study.resolved, "extensions": history})
-    studies.set_state(database, study.id, "open")
+    if studies.state(database, study.id) == "done":  # asked again: until now a worker may have closed it
+        studies.set_state(database, study.id, "open")
     return studies.get(database, name)
 
 

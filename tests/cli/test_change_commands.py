@@ -99,6 +99,19 @@ def test_extend_says_that_a_full_grid_has_no_more_points(cli: Cli, room: Path) -
     assert full.err.splitlines()[-1] == "Next: gtf-tune study extend steps --as NEW-NAME --range NAME=LOW:HIGH"
 
 
+def test_a_paused_study_stays_paused_when_it_is_extended(cli: Cli, room: Path) -> None:
+    cli("study", "create", "idle", "-p", "analytic", "-s", "room", "-r", "filter.max_error=1e-3:1e-1:log", "-n", "2")
+    cli("study", "pause", "idle")
+
+    said = cli("study", "extend", "idle", "--trials", "5")
+
+    assert json.loads(cli("study", "show", "idle", "--json").out)["state"] == "paused"
+    assert said.err.splitlines()[-2:] == [
+        "it stays paused until it is resumed",
+        "Next: gtf-tune study resume idle",
+    ]
+
+
 def test_extend_refuses_what_cannot_be_compared_and_names_the_way_out(tuned: Cli) -> None:
     refused = tuned("study", "extend", "small", "--noisy-runs", "6")
     derived = tuned("study", "extend", "small", "--noisy-runs", "6", "--as", "more")
