@@ -1,11 +1,11 @@
 import contextlib
 import json
 import re
-import shutil
 import sqlite3
 from pathlib import Path
 
 from tests.cli.conftest import Cli
+from tests.study.conftest import write_sequence
 
 CREATE = ("study", "create", "small", "-p", "analytic", "-s", "room", "-n", "4", "-k", "1", "-K", "3")
 AXIS = ("-r", "filter.max_error=1e-3:1e-1:log")
@@ -190,8 +190,8 @@ def test_nothing_is_compared_with_an_infeasible_nominal_trial(cli: Cli, room: Pa
 
 def test_folders_of_one_name_are_told_apart_by_those_above_them(cli: Cli, room: Path, tmp_path: Path) -> None:
     folders = ("first/walk/images", "second/walk/images", "first/run/images")
-    for folder in folders:
-        shutil.copytree(room, tmp_path / folder)
+    for number, folder in enumerate(folders):
+        write_sequence(tmp_path / folder, ground_truth=False, frames=8 + number)
     flags = [word for folder in (*folders, "room") for word in ("-s", folder)]
 
     cli("study", "create", "small", "-p", "analytic", *flags, *AXIS)
