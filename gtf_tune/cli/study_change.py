@@ -137,7 +137,7 @@ def _true_errors(database: "Database", name: str, side: list[str] | None, places
 
 def _write(found: "Rescored", truth: TrueErrors, unit: "ScoreUnit") -> None:
     gtf = found.gtf
-    say(f"score: {gtf.metric}, {gtf.aggregate}, {gtf.alignment}, normalised by {gtf.normalise}; the study is unchanged")
+    say(f"score: {gtf.score_text}; the study is unchanged")
     nominal = found.trials[0].score
     rows = []
     for one in sorted(found.trials, key=lambda one: (one.rank or math.inf, one.trial.ordinal)):

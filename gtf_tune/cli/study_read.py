@@ -183,7 +183,7 @@ def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list[
             "pipeline": definition.pipeline.name,
             "sequences": ", ".join(one.name for one in definition.sequences),
             "runs a trial": f"{gtf.clean_runs} clean, {gtf.noisy_runs_text} noisy at {noise} grey levels",
-            "score": f"{gtf.metric}, {gtf.aggregate}, {gtf.alignment}, normalised by {gtf.normalise}",
+            "score": gtf.score_text,
             "sampler": f"{definition.search.sampler}, seed {definition.search.seed}",
             "runs": f"{cost.made} made in {duration(cost.made_s)}, {cost.reused} reused, {cost.failed} failed",
             **({"spared": spared} if spared else {}),

@@ -73,3 +73,9 @@ class GtfDefinition(Section):
         """Return how many noisy runs a trial gets, in words: ``6`` or ``3 to 12``."""
         least, most = self.noisy_runs_min, self.noisy_runs_max
         return str(most) if least == most else f"{least} to {most}"
+
+    @property
+    def score_text(self) -> str:
+        """Return how a trial is scored, in words; angles are in degrees, whatever the extent is."""
+        scale = "" if self.metric == "rpe_rotation" else f", normalised by {self.normalise}"
+        return f"{self.metric}, {self.aggregate}, {self.alignment}{scale}"

@@ -106,6 +106,7 @@ def test_scores_and_true_errors_carry_the_units_that_the_definition_asks_for(cli
     header = cli("study", "export", "small", "--format", "csv").out.splitlines()[0]
 
     assert "GTF RPE" in shown
+    assert "normalised" not in shown
     assert "[deg]" in shown
     assert "never seen by the search: RPE over 2 frames [GT unit]" in told.err
     assert "deg" in best
