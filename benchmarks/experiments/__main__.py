@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from benchmarks.experiments import several
 from benchmarks.experiments.ablation import ablation, swept_elsewhere
 from benchmarks.experiments.findings import Findings
+from benchmarks.experiments.fresh import read_fresh
 from benchmarks.experiments.joint import SEQUENCES as JOINT_SEQUENCES
 from benchmarks.experiments.joint import read_joint, run_joint
 from benchmarks.experiments.k_delta import curve
@@ -35,6 +36,7 @@ from benchmarks.experiments.stored import (
     outcome_from,
     stored_candidates,
     stored_curves,
+    stored_fresh,
     stored_joints,
     stored_ladders,
     stored_results,
@@ -90,7 +92,8 @@ def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
     named = {name: Path(name) for name in SIGMAS}
     table, single = experiments(named), ablation(named)
     others = [many_noisy_runs(named), other_sigmas(named), traps(named)]
-    read = partial(_read_all, bench.database, stored_results(DOCS / "results.json"), ground_truths(folders))
+    truths = ground_truths(folders)
+    read = partial(_read_all, bench.database, stored_results(DOCS / "results.json"), truths)
     outcomes = read(table)
     many, weaker, trapped = map(read, others)
     ladders, missing_ladders = _ladders(bench, folders)
@@ -99,6 +102,10 @@ def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
         [one for one in found if one is not None], stored_joints(DOCS / "results.json"), lambda one: one.sequence
     )
     candidates = several.read_several(bench.database, outcomes) or stored_candidates(DOCS / "results.json")
+    fresh = [
+        one for found in outcomes for one in read_fresh(bench.database, found, truths.get(found.experiment.sequence))
+    ]
+    fresh = _merged(fresh, stored_fresh(DOCS / "results.json"), lambda one: one.study)
     ablated = read([*single, *swept_elsewhere(named)])
     done = {one.experiment.study for one in (*outcomes, *many, *weaker, *trapped, *ablated)}
     missing = [one.study for group in (table, *others, single) for one in group if one.study not in done]
@@ -110,7 +117,17 @@ def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
     missing_ladders = [name for name in missing_ladders if name not in measured]
     write_results(
         Findings(
-            outcomes, many, weaker, trapped, ablated, joints, ladders, [*missing, *missing_ladders], curves, candidates
+            outcomes,
+            many,
+            weaker,
+            trapped,
+            ablated,
+            joints,
+            ladders,
+            [*missing, *missing_ladders],
+            curves,
+            candidates,
+            fresh,
         ),
         DOCS,
     )

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from benchmarks.experiments.fresh import FreshError
 from benchmarks.experiments.joint import Joint
 from benchmarks.experiments.k_delta import Curve
 from benchmarks.experiments.ladder import Ladder
@@ -20,8 +21,8 @@ AIM = 0.9
 @dataclass(frozen=True)
 class Findings:
     """Hold the grids of table 2, with many noisy runs, with weaker noise, over options that drop frames and of the
-    ablation; joint searches; noise ladders; what is missing; curves over the number of noisy runs; and the candidates
-    of the search over several sequences.
+    ablation; joint searches; noise ladders; what is missing; curves over the number of noisy runs; the candidates of
+    the search over several sequences; and those of the confirmations, judged on the confirmations' own noise.
     """
 
     outcomes: Sequence[Outcome]
@@ -34,6 +35,7 @@ class Findings:
     missing: Sequence[str]
     curves: Sequence[Curve] = ()
     several: Sequence[Candidate] = ()
+    fresh: Sequence[FreshError] = ()
 
 
 def share_of_oracle(outcomes: Sequence[Outcome], predictor: str = AGGREGATE) -> tuple[float, int]:

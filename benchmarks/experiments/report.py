@@ -9,6 +9,7 @@ from typing import Any
 from benchmarks.experiments import tables, text
 from benchmarks.experiments.figures import FOLDER, write_figures
 from benchmarks.experiments.findings import AIM, WORTH_FINDING, Findings, share_of_oracle, share_of_verdicts
+from benchmarks.experiments.fresh import fresh_sentence, fresh_table
 from benchmarks.experiments.numbers import known, part, percent
 from benchmarks.experiments.plan import CONFIRMATION_RUNS, FRAMES, TOP, TRUTHS, UNKNOWN_TRUTH
 from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
@@ -30,6 +31,7 @@ def write_results(findings: Findings, folder: Path) -> None:
         "traps": [_as_data(one) for one in findings.traps],
         "joint": [asdict(one) for one in findings.joints],
         "several": [asdict(one) for one in findings.several],
+        "fresh": [{name: _plain(value) for name, value in asdict(one).items()} for one in findings.fresh],
         "ablation": [_as_data(one) for one in findings.ablated],
         "ladders": [asdict(one) for one in findings.ladders],
         "not_measured": list(findings.missing),
@@ -44,6 +46,7 @@ def _parts(findings: Findings, drawn: Sequence[str]) -> list[str]:
     }
     return [
         part("The paper's table 2, here", text.TABLE_2 + figures["gains"], tables.table_2(outcomes)),
+        part("Confirmations, judged on their own noise", text.FRESH, fresh_table(findings.fresh)),
         part("The paper's table 2, there", text.PAPER, tables.paper_table()),
         part("Which aggregate, which estimator", text.AGGREGATES, tables.summary_table(outcomes)),
         part("The same with weaker noise", text.WEAKER, tables.predictor_table(findings.weaker)),
@@ -79,8 +82,10 @@ def _introduction(findings: Findings) -> str:
         f"{len(findings.weaker)} with weaker noise, {len(findings.ablated)} of the ablation, "
         f"{len(findings.joints)} joint searches, {len(findings.ladders)} noise ladders.",
         f"* Confirmed on fresh noise: {len(confirmed)}; adopted: {len(adopted)}; of these worse than nominal in true "
-        f"ATE: {len(worse)}{_named(worse)}.",
+        f"ATE on the clean images: {len(worse)}{_named(worse)}.",
     ]
+    if sentence := fresh_sentence(findings.fresh):
+        lines.append(f"* {sentence}")
     reached, count = share_of_oracle(outcomes)
     if count:
         lines.append(
@@ -122,6 +127,10 @@ def _loss(outcome: Outcome, adopted: Setting) -> str:
     return (
         f"{outcome.experiment.study} {percent(outcome.change(adopted))}, that is {loss}; ground truth {truth.quality}"
     )
+
+
+def _plain(value: Any) -> Any:
+    return known(value) if isinstance(value, float) else value
 
 
 def _as_data(outcome: Outcome) -> dict[str, Any]:

@@ -162,7 +162,7 @@ def _setting(
         feasible=bool(trial.feasible),
         coverage=trial.coverage or 0.0,
         true_ate=next((one.ate for one in validated if one.ate is not None), math.nan),
-        noisy_true_ates=_true_ates(truth, noisy_poses),
+        noisy_true_ates=true_ates(truth, noisy_poses),
         matrix=matrix,
         collapsed=trial.collapsed_rate or 0.0,
         clean_clean=between(clean_poses),
@@ -173,7 +173,8 @@ def _setting(
     )
 
 
-def _true_ates(truth: Trajectory | None, found: Sequence[Trajectory]) -> FloatArray:
+def true_ates(truth: Trajectory | None, found: Sequence[Trajectory]) -> FloatArray:
+    """Return the true ATEs of trajectories; NaN where one cannot be compared, empty without ground truth."""
     return np.array([] if truth is None else [_true_ate(truth, one) for one in found], dtype=np.float64)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.experiments.estimators import paired_ratio
+from benchmarks.experiments.fresh import FreshError
 from benchmarks.experiments.joint import Joint
 from benchmarks.experiments.k_delta import Curve
 from benchmarks.experiments.ladder import Ladder, Rung
@@ -55,6 +56,12 @@ def stored_candidates(file: Path) -> list[Candidate]:
         )
         for one in _group(file, "several")
     ]
+
+
+def stored_fresh(file: Path) -> list[FreshError]:
+    """Return the candidates of confirmations, judged on their own noise, that a file holds."""
+    numbers = ("score", "change", "low", "high", "clean")
+    return [FreshError(**{**one, **{name: _number(one[name]) for name in numbers}}) for one in _group(file, "fresh")]
 
 
 def _ladder(stored: Mapping[str, Any]) -> Ladder:
