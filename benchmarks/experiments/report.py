@@ -8,7 +8,14 @@ from typing import Any
 
 from benchmarks.experiments import tables, text
 from benchmarks.experiments.figures import FOLDER, write_figures
-from benchmarks.experiments.findings import AIM, WORTH_FINDING, Findings, share_of_oracle, share_of_verdicts
+from benchmarks.experiments.findings import (
+    AIM,
+    WORTH_FINDING,
+    Findings,
+    share_by_noise,
+    share_of_oracle,
+    share_of_verdicts,
+)
 from benchmarks.experiments.fresh import fresh_sentence, fresh_table
 from benchmarks.experiments.numbers import known, part, percent
 from benchmarks.experiments.plan import CONFIRMATION_RUNS, FRAMES, TOP, TRUTHS, UNKNOWN_TRUTH
@@ -92,6 +99,12 @@ def _introduction(findings: Findings) -> str:
             f"* Of the oracle's gain, where it exceeds {WORTH_FINDING:.0%} ({count} grids), picks reach "
             f"{reached:.0%} on average; the aim of {AIM:.0%} is {'met' if reached >= AIM else 'missed'}. The reasons "
             "are below, grid by grid."
+        )
+    usual, weak, count = share_by_noise(outcomes, findings.weaker)
+    if count:
+        lines.append(
+            f"* Over the {count} of these grids that were repeated with weaker noise (see below), picks reach "
+            f"{usual:.0%} under the usual and {weak:.0%} under the weaker noise."
         )
     reached, count = share_of_verdicts(outcomes)
     if count:

@@ -10,7 +10,7 @@ from benchmarks.experiments import report
 from benchmarks.experiments.ablation import ablation
 from benchmarks.experiments.estimators import between, dispersion, paired_ratio
 from benchmarks.experiments.figures import gains, k_delta, noise, options
-from benchmarks.experiments.findings import Findings, share_of_oracle, share_of_verdicts
+from benchmarks.experiments.findings import Findings, share_by_noise, share_of_oracle, share_of_verdicts
 from benchmarks.experiments.joint import Joint
 from benchmarks.experiments.k_delta import curve, picks, r_squared_by_count
 from benchmarks.experiments.ladder import Ladder, Rung
@@ -290,3 +290,14 @@ def test_outcomes_read_back_from_the_results_are_the_same(tmp_path: Path, monkey
     assert np.array_equal(found.settings[1].matrix, settings[1].matrix)
     assert [one.feasible for one in found.settings] == [True, True, False]
     assert [one.noisy_true_ates[0] for one in found.settings] == [1.0, 0.5, 0.2]
+
+
+def test_the_share_under_weaker_noise_is_over_the_grids_that_have_both() -> None:
+    settings = (setting(0, 1.0), setting(1, 0.5), setting(2, 0.8))
+    misled = tuple(replace(one, matrix=one.matrix * (10 if one.ordinal == 1 else 1)) for one in settings)
+    usual, alone = Outcome(HUBER, misled, None, "unconfirmed"), Outcome(HUBER, settings, None, "unconfirmed")
+    weaker = replace(alone, experiment=replace(HUBER, sigma=0.5))
+    elsewhere = replace(alone, experiment=replace(HUBER, sequence="hut"))
+
+    assert share_by_noise([usual, elsewhere], [weaker]) == (pytest.approx(0.4), pytest.approx(1.0), 1)
+    assert share_by_noise([elsewhere], [weaker])[2] == 0
