@@ -20,7 +20,13 @@ def write_svgs(figures: Mapping[str, go.Figure], folder: Path) -> list[str]:
     if found:
         folder.mkdir(parents=True, exist_ok=True)
         paths = [folder / f"{name}.svg" for name in found]
-        plotly.io.write_images(list(found.values()), [str(path) for path in paths], format="svg", width=WIDTH_PX)
+        plotly.io.write_images(
+            list(found.values()),
+            [str(path) for path in paths],
+            format="svg",
+            width=WIDTH_PX,
+            height=[figure.layout.height for figure in found.values()],
+        )
         for path in paths:
             path.write_text(without_chance(path.read_text(encoding="utf-8"), path.stem), encoding="utf-8")
     return list(found)
