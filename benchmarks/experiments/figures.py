@@ -15,6 +15,7 @@ from gtf_tune.report.figures import theme
 
 FOLDER = "images/results"
 _ROW_PX = 22
+_WITH_LEGEND_PX = 560
 _COLOURS = (theme.GTF_DARK, theme.GROUND_TRUTH, theme.NOMINAL, theme.REPROJECTION, theme.FAINT)
 _DASHES = MappingProxyType({"mean": "dot", "median": "solid", "gmean": "dash", "trimmed": "dashdot"})
 
@@ -60,7 +61,7 @@ def gains(findings: Findings) -> go.Figure:
 
 def k_delta(findings: Findings) -> go.Figure:
     """Draw R2 between score and true ATE over the number of noisy runs, one line for each aggregate."""
-    figure = theme.figure()
+    figure = theme.figure(_WITH_LEGEND_PX)
     for number, curve in enumerate(findings.curves):
         for name, values in curve.r_squared.items():
             line = {"color": _COLOURS[number % len(_COLOURS)], "dash": _DASHES[name]}
@@ -86,8 +87,9 @@ def noise(findings: Findings) -> go.Figure:
             )
         )
         figure.add_hline(y=1000 * ladder.floor, line={"color": colour, "width": 1, "dash": "dot"})
-    figure.update_xaxes(**theme.axis("sigma [grey levels]", type="log"))
-    figure.update_yaxes(**theme.axis("GTF ATE [‰ of the extent]; dotted: clean runs", type="log"))
+    levels = sorted({one.sigma for ladder in findings.ladders for one in ladder.rungs})
+    figure.update_xaxes(**theme.axis("sigma [grey levels]", type="log", tickvals=levels))
+    figure.update_yaxes(**theme.axis("GTF ATE [‰ of the extent]; dotted: clean runs", type="log", dtick=1))
     return figure
 
 
