@@ -96,7 +96,8 @@ def test_a_scheduler_that_is_killed_is_one_sentence(tmp_path: Path, caplog: pyte
             future.result(WAIT_S)
 
     logging.getLogger("distributed.client").removeHandler(caplog.handler)
-    assert caplog.records == []
+    # Other parts of Dask log what the cluster of this module does, in this process too.
+    assert [record for record in caplog.records if record.name == "distributed.client"] == []
 
 
 def test_an_address_of_another_kind_is_refused() -> None:
