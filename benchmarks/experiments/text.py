@@ -39,7 +39,7 @@ AGGREGATES = (
     '"share on unseen images" is that part where half of the noisy runs choose and ground truth judges the other half '
     "(see below)."
 )
-WEAKER = "The cheap grids again, with the noise given behind the option; cells as in the table of every experiment."
+WEAKER = "Grids of table 2 again, with the noise given behind the option; cells as in the table of every experiment."
 PICKS = (
     "For each experiment 200 random choices of half of its noisy runs: change of the true ATE at the pick on average / "
     "in the worst tenth / share of picks worse than nominal by more than 1 %."
