@@ -156,16 +156,16 @@ def _guarded(database: Database, work: Callable[[], Result]) -> Result:
 
 
 def _check_file(path: Path, shown: str) -> None:
-    if path.is_dir():
+    if _holds(path, Path.is_dir):
         raise StorageError(
             f"the storage must be a file, but {path} is a folder; give a file such as {path}/gtf-tune.db"
         )
-    if not path.exists():
+    if not _holds(path, Path.exists):
         raise StorageError(f"there is no storage at {path}; make it with 'gtf-tune study create ... --storage {shown}'")
 
 
 def _create_file(path: Path, shown: str) -> None:
-    if not path.parent.is_dir():
+    if not _holds(path.parent, Path.is_dir):
         raise StorageError(
             f"the folder {path.parent} of the storage does not exist; make it with mkdir -p {path.parent}"
         )
@@ -176,4 +176,13 @@ def _create_file(path: Path, shown: str) -> None:
     except OSError as error:
         raise StorageError(
             f"{path} cannot be written to ({error.strerror}); give a --storage in another folder"
+        ) from error
+
+
+def _holds(path: Path, condition: Callable[[Path], bool]) -> bool:
+    try:
+        return condition(path)
+    except OSError as error:  # of a folder above it, which may not be entered
+        raise StorageError(
+            f"{path} cannot be reached ({error.strerror}); give a --storage in another folder"
         ) from error

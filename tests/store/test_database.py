@@ -1,8 +1,10 @@
 import multiprocessing
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -90,29 +92,52 @@ def _use_as_nobody(path: str, action: Callable[[str], object], messages: "multip
         messages.put(str(error))
 
 
-@pytest.mark.parametrize("action", [open_database, create_database])
-def test_a_read_only_folder_is_one_sentence(
-    sqlite_template: Path, tmp_path_factory: pytest.TempPathFactory, action: Callable[[str], object]
-) -> None:
-    folder = tmp_path_factory.mktemp("locked")
-    name = "new.db" if action is create_database else "old.db"
-    (folder / "old.db").write_bytes(sqlite_template.read_bytes())
-    opened = [parent for parent in folder.parents if parent.stat().st_uid == os.geteuid() and parent != Path("/")]
-    modes = [parent.stat().st_mode for parent in opened]
-    for parent in opened:
-        parent.chmod(parent.stat().st_mode | 0o011)
-    folder.chmod(0o555)
+def _said_to_nobody(path: Path, action: Callable[[str], object]) -> str:
+    """Return the sentence that an action ends with where it has not the rights of root."""
     context = multiprocessing.get_context("fork")
     messages: multiprocessing.Queue[str] = context.Queue()
-    process = context.Process(target=_use_as_nobody, args=(str(folder / name), action, messages))
+    process = context.Process(target=_use_as_nobody, args=(str(path), action, messages))
     process.start()
-    message = messages.get()
     process.join()
+    assert process.exitcode == 0
+    return messages.get()
+
+
+@pytest.fixture
+def public_folder() -> Iterator[Path]:
+    """Yield a folder that everybody may enter: into those of pytest only their owner may."""
+    folder = Path(tempfile.mkdtemp(prefix="gtf-public-", dir="/tmp"))
     folder.chmod(0o755)
-    for parent, mode in zip(opened, modes, strict=True):
-        parent.chmod(mode)
+    yield folder
+    folder.chmod(0o755)
+    shutil.rmtree(folder)
+
+
+@pytest.mark.parametrize("action", [open_database, create_database])
+def test_a_read_only_folder_is_one_sentence(
+    sqlite_template: Path, public_folder: Path, action: Callable[[str], object]
+) -> None:
+    name = "new.db" if action is create_database else "old.db"
+    (public_folder / "old.db").write_bytes(sqlite_template.read_bytes())
+    public_folder.chmod(0o555)
+
+    message = _said_to_nobody(public_folder / name, action)
+
     assert "cannot be" in message
-    assert str(folder) in message
+    assert str(public_folder) in message
+
+
+@pytest.mark.parametrize("action", [open_database, create_database, upgrade_database])
+def test_a_folder_that_may_not_be_entered_is_one_sentence(public_folder: Path, action: Callable[[str], object]) -> None:
+    path = public_folder / "private" / "studies" / "x.db"
+    path.parent.mkdir(parents=True)
+    path.parent.parent.chmod(0o700 if os.geteuid() == 0 else 0o000)
+
+    message = _said_to_nobody(path, action)
+    path.parent.parent.chmod(0o700)
+
+    assert message.startswith(str(path.parent))
+    assert message.endswith(" cannot be reached (Permission denied); give a --storage in another folder")
 
 
 def test_tables_of_a_newer_version_are_refused(storage: str) -> None:
