@@ -18,7 +18,8 @@ from gtf_tune.study.create import checked_definition
 from gtf_tune.trajectory import read_trajectory
 
 CASES = int(os.environ.get("GTF_TUNE_FUZZ_CASES", "100"))
-SLOWLY = settings(max_examples=CASES, deadline=None, suppress_health_check=list(HealthCheck))
+SOAKED = "GTF_TUNE_FUZZ_CASES" in os.environ  # draws other cases each time
+SLOWLY = settings(max_examples=CASES, deadline=None, derandomize=not SOAKED, suppress_health_check=list(HealthCheck))
 
 VALID: dict[str, Any] = {
     "name": "fuzz",

@@ -157,7 +157,7 @@ def test_malformed_binaries_are_refused_with_the_image(tmp_path, data, reason):
         read_trajectory(tmp_path)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(
     content=st.one_of(
         st.binary(max_size=300),

@@ -171,7 +171,7 @@ TOKENS = st.one_of(
 LINES = st.lists(TOKENS, max_size=14).flatmap(lambda row: st.sampled_from([" ", ",", "\t"]).map(lambda s: s.join(row)))
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(
     content=st.one_of(st.binary(max_size=300), st.lists(LINES, max_size=5).map(lambda rows: "\n".join(rows).encode()))
 )
