@@ -181,6 +181,34 @@ def test_runs_that_share_few_frames_prevent_an_adoption() -> None:
     ]
 
 
+def test_noisy_runs_are_measured_by_what_nominal_registers_under_noise() -> None:
+    nominal = replace(score(1.0), coverage_noisy=np.full(NOISY, 0.8))
+    candidate = replace(score(0.7, seed=1), coverage_noisy=np.where(np.arange(NOISY) == 3, 0.5, 0.8))
+
+    result = judge(findings({"a": candidate}, nominal={"a": nominal}), GTF)
+
+    assert result["candidates"][0]["reasons"] == ["a run on a registered 50% of the frames, less than 76%"]
+
+
+def test_runs_that_cannot_be_aligned_prevent_an_adoption() -> None:
+    candidate = replace(score(0.7, seed=1), pair_errors={(0, 3): "on a line"})
+    candidate.matrix[0, 3] = np.nan
+
+    result = judge(findings({"a": candidate}, nominal={"a": score(1.0)}), GTF)
+
+    assert result["verdict"] == "keep nominal"
+    assert result["candidates"][0]["reasons"] == ["runs on a cannot be compared: on a line"]
+
+
+def test_a_nominal_that_fails_on_a_held_out_sequence_only_is_kept() -> None:
+    nothing = replace(score(1.0), matrix=np.full((2, NOISY), np.nan))
+    no_better = {"a": score(1.0, seed=1, spread=0.2), "held": score(1.0)}
+
+    result = judge(findings(no_better, nominal={"a": score(1.0), "held": nothing}, holdouts=frozenset({"held"})), GTF)
+
+    assert result["verdict"] == "keep nominal"
+
+
 def failed_at(found: GtfScore, run: int) -> GtfScore:
     """Return a score one of whose noisy runs gave no trajectory."""
     failed = np.arange(NOISY) == run
