@@ -55,7 +55,8 @@ class TrialRunner:
         self.heartbeat.hold(slot, stop)
         try:
             end = self._run(slot, stop)
-        except UpdateFinishedTrialError as error:  # another worker took the slot over and has finished it
+        except UpdateFinishedTrialError as error:  # another worker took the slot over, or someone told Optuna its end
+            slots.release(self.study.database, slot)
             raise Interrupted from error
         except BaseException:
             slots.release(self.study.database, slot)
@@ -95,8 +96,8 @@ class TrialRunner:
         with self.ask_lock:
             study.sampler = make_sampler(self.study.definition.search, slot.ordinal, self.study.space)
             trial_id = slot.optuna_trial_id
-            if trial_id is None:
-                trial_id = with_optuna(self.study.database, lambda: self._create(slot.ordinal))
+            if trial_id is None or optuna_trials.is_finished(study, trial_id):
+                trial_id = with_optuna(self.study.database, lambda: self._create(slot))
             trial = optuna_trials.start(study, trial_id)
             # All of its options at once: of some alone, whoever takes the trial over would draw others for the rest.
             with gathered(trial.storage):
@@ -108,8 +109,13 @@ class TrialRunner:
         self.listener.trial_started(slot.ordinal, options, planned)
         return trial, options
 
-    def _create(self, ordinal: int) -> int:
-        return optuna_trials.create_for_slot(self.study.optuna_study, ordinal, self._fixed(ordinal))
+    def _create(self, slot: slots.Slot) -> int:
+        """Create the Optuna trial of a slot: another one with the same options where someone else has ended the first.
+
+        Whoever opens the storage with Optuna may do so: `optuna tell` is how a trial of a dead process is ended there.
+        """
+        fixed = self._fixed(slot.ordinal) if slot.options is None else slot.options
+        return optuna_trials.create_for_slot(self.study.optuna_study, slot.ordinal, fixed)
 
     def _fixed(self, ordinal: int) -> Mapping[str, OptionValue] | None:
         """Return the values that a trial must take: nominal for trial 0, then the points of a grid."""

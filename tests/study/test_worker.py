@@ -1,4 +1,5 @@
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -8,6 +9,7 @@ from optuna.samplers import RandomSampler
 from optuna.trial import FrozenTrial, TrialState
 
 from gtf_tune.execution import InlineExecutor
+from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import runs, studies, trials, validations
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.digest import study_digest
@@ -243,6 +245,42 @@ def test_the_slot_of_a_dead_worker_is_adopted_with_its_optuna_trial(
 
     assert [(trial.ordinal, trial.attempts) for trial in _trials(database)][:2] == [(0, 2), (1, 1)]
     assert len(optuna.load_study(study_name="small", storage=optuna_storage(database)).trials) == 8
+
+
+def test_a_trial_that_someone_ends_in_optuna_goes_on_in_another_one(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    data = definition_of(room, search={"sampler": "random", "trials": 3})
+    stop = StopRequest()
+    run_study(data, stop=stop, listener=_StopAfter(stop, 12))
+    begun = _trials(database)[2]
+    study = optuna.load_study(study_name="small", storage=optuna_storage(database))
+    study.tell(2, state=TrialState.FAIL)
+
+    executor = run_study(data)
+
+    last = _trials(database)[2]
+    assert (last.state, last.options, last.optuna_number, len(executor.executed)) == ("complete", begun.options, 3, 3)
+    assert [trial.state.name for trial in study.trials] == ["COMPLETE", "COMPLETE", "FAIL", "COMPLETE"]
+
+
+def test_a_trial_that_someone_ends_in_optuna_while_it_runs_is_given_back_at_once(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    class Meddler(Silent):
+        def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
+            del options, planned_runs
+            study = optuna.load_study(study_name="small", storage=optuna_storage(database))
+            if ordinal == 1 and len(study.trials) == 2:
+                study.tell(1, state=TrialState.FAIL)
+
+    run_study(definition_of(room, search={"sampler": "random", "trials": 3}), listener=Meddler())
+
+    assert [(trial.state, trial.attempts) for trial in _trials(database)] == [
+        ("complete", 1),
+        ("complete", 2),
+        ("complete", 1),
+    ]
 
 
 def test_several_sequences_are_scored_relative_to_nominal(
