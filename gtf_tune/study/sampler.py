@@ -1,5 +1,6 @@
 """Make the Optuna sampler and pruner that a definition names."""
 
+import copy
 import warnings
 from typing import Any
 
@@ -8,6 +9,7 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution
 from optuna.exceptions import ExperimentalWarning
 from optuna.pruners import BasePruner, NopPruner, WilcoxonPruner
 from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, QMCSampler, RandomSampler, TPESampler
+from optuna.trial import FrozenTrial
 
 from gtf_tune.definition import DEFAULT_TRIALS, SearchDefinition, StudyDefinition
 from gtf_tune.errors import DefinitionError
@@ -44,6 +46,37 @@ class _NumberedPoints(QMCSampler):
         return self._point
 
 
+class _FeasibleScale(GPSampler):
+    """Model the scores of infeasible trials as the worst feasible one; their constraint says how far out they lie.
+
+    Their penalty is hundreds of times as large, and beside it Optuna's process takes all feasible scores for equal.
+    """
+
+    def _sample_relative_impl(
+        self,
+        study: Study,
+        completed_trials: list[FrozenTrial],
+        running_trials: list[FrozenTrial],
+        search_space: dict[str, BaseDistribution],
+    ) -> dict[str, Any]:
+        return super()._sample_relative_impl(study, without_penalties(completed_trials), running_trials, search_space)
+
+
+def without_penalties(completed: list[FrozenTrial]) -> list[FrozenTrial]:
+    """Return the trials with the worst feasible value in place of penalties; as they are where none is feasible."""
+    feasible = [all(violation <= 0 for violation in one.constraints.values()) for one in completed]
+    values = [one.value for one, works in zip(completed, feasible, strict=True) if works and one.value is not None]
+    if not values:
+        return completed
+    return [one if works else _with_value(one, max(values)) for one, works in zip(completed, feasible, strict=True)]
+
+
+def _with_value(trial: FrozenTrial, value: float) -> FrozenTrial:
+    copied = copy.copy(trial)
+    copied.value = value
+    return copied
+
+
 def make_sampler(search: SearchDefinition, ordinal: int, space: SearchSpace) -> BaseSampler:
     """Return the sampler that chooses the options of trial ``ordinal``.
 
@@ -59,7 +92,7 @@ def make_sampler(search: SearchDefinition, ordinal: int, space: SearchSpace) -> 
             seed=seed, n_startup_trials=startup_trials(len(space.axes), search.trials or DEFAULT_TRIALS)
         ),
         "refine": lambda: _refine(space, seeds.sampler_seed(0), seed),
-        "gp": lambda: GPSampler(seed=seed, deterministic_objective=False),
+        "gp": lambda: _FeasibleScale(seed=seed, deterministic_objective=False),
         "cmaes": lambda: CmaEsSampler(seed=seed, warn_independent_sampling=False),
         "qmc": lambda: _NumberedPoints(max(ordinal - 1, 0), seeds.sampler_seed(0)),
         "random": lambda: RandomSampler(seed=seed),

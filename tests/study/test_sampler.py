@@ -2,16 +2,18 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import optuna
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution
 from optuna.pruners import NopPruner, WilcoxonPruner
 from optuna.samplers import CmaEsSampler, QMCSampler, RandomSampler, TPESampler
+from optuna.trial import TrialState, create_trial
 
 from gtf_tune.definition import SearchDefinition, StudyDefinition, definition_from_dict
 from gtf_tune.errors import DefinitionError
 from gtf_tune.study.refine import RefineSampler
 from gtf_tune.study.refine_many import RefineManySampler
-from gtf_tune.study.sampler import check_search, make_pruner, make_sampler, startup_trials
+from gtf_tune.study.sampler import check_search, make_pruner, make_sampler, startup_trials, without_penalties
 from gtf_tune.study.space import SearchAxis, SearchSpace
 from tests.study.conftest import definition_of
 
@@ -47,8 +49,6 @@ def test_refine_searches_several_options_and_lists_by_a_surface() -> None:
 
 
 def test_start_up_points_differ_between_trials_and_repeat_after_a_resume() -> None:
-    import optuna
-
     def first_value(ordinal: int) -> float:
         study = optuna.create_study(sampler=make_sampler(SearchDefinition(sampler="tpe", seed=4), ordinal, ONE_RANGE))
         return study.ask().suggest_float("x", 0.0, 1.0)
@@ -58,8 +58,6 @@ def test_start_up_points_differ_between_trials_and_repeat_after_a_resume() -> No
 
 
 def test_qmc_gives_a_trial_its_point_whatever_was_drawn_before() -> None:
-    import optuna
-
     study = optuna.create_study(sampler=RandomSampler())
     study.optimize(lambda trial: trial.suggest_float("x", 0.0, 1.0), n_trials=1)
 
@@ -70,6 +68,31 @@ def test_qmc_gives_a_trial_its_point_whatever_was_drawn_before() -> None:
     drawn = [value(ordinal) for ordinal in (3, 2, 1, 2)]
 
     assert drawn == [0.75, 0.5, 0.0, 0.5]
+
+
+def test_a_gaussian_process_sees_scores_without_the_penalties_of_infeasible_trials() -> None:
+    trials = [
+        create_trial(state=TrialState.COMPLETE, value=value, constraints={"coverage": violation})
+        for value, violation in [(0.002, -0.1), (1.5, 0.4), (0.007, 0.0)]
+    ]
+
+    assert [one.value for one in without_penalties(trials)] == [0.002, 0.007, 0.007]
+    assert [one.value for one in trials] == [0.002, 1.5, 0.007]
+    assert without_penalties(trials[1:2]) == trials[1:2]
+
+
+def test_gp_looks_near_the_best_score_beside_an_infeasible_region() -> None:
+    pytest.importorskip("torch", reason="the extra [gp] is not installed")
+    study = optuna.create_study()
+    for ordinal in range(20):
+        study.sampler = make_sampler(SearchDefinition(sampler="gp"), ordinal, ONE_RANGE)
+        trial = study.ask()
+        x = trial.suggest_float("x", 0.0, 1.0)
+        trial.set_constraint("coverage", 0.4 - x)
+        study.tell(trial, 1.5 if x < 0.4 else 1e-3 * (1 + 20 * (x - 0.7) ** 2))
+
+    late = [abs(trial.params["x"] - 0.7) for trial in study.trials[12:]]
+    assert sum(distance < 0.1 for distance in late) > len(late) / 2
 
 
 def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
