@@ -25,6 +25,7 @@ _NOISE_DOUBT = 1.0
 _LENGTH_DOUBT = 1.0
 _STEPS = 40
 _SMALLEST = 1e-12
+_SAME = 1e-9
 _ROUNDS = (0.2, 0.07, 0.02)
 
 Snap = Callable[[FloatArray], FloatArray]
@@ -88,7 +89,8 @@ def fit_surface(points: FloatArray, values: FloatArray, unordered: BoolArray) ->
 def next_point(surface: Surface, seed: int, snap: Snap, fewest: int = 1500) -> FloatArray:
     """Return the point (d,) from which the largest improvement on the lowest known part of the surface is expected.
 
-    Points are drawn everywhere and round the best known ones, then round the best drawn ones ever more closely.
+    Points are drawn everywhere and round the best known ones, then round the best drawn ones ever more closely. A known
+    one comes last, however uncertain its value: settings see the same noise again.
     """
     generator = np.random.default_rng(seed)
     known = surface.mean(surface.points)
@@ -97,10 +99,16 @@ def next_point(surface: Surface, seed: int, snap: Snap, fewest: int = 1500) -> F
     drawn = generator.random((fewest, best.shape[1]))
     points = snap(np.concatenate([drawn, *(_near(best, width, 60, generator) for width in _ROUNDS)]))
     for width in _ROUNDS:
-        expected = surface.improvement(points, lowest)
+        expected = _promise(surface, points, lowest)
         top = points[np.argsort(-expected, kind="stable")[:5]]
         points = np.concatenate([top, snap(_near(top, width, 60, generator))])
-    return np.asarray(points[int(np.argmax(surface.improvement(points, lowest)))])
+    return np.asarray(points[int(np.argmax(_promise(surface, points, lowest)))])
+
+
+def _promise(surface: Surface, points: FloatArray, lowest: float) -> FloatArray:
+    """Return the expected improvement at points (m, d), and -1 at those that are known."""
+    known = np.any(np.all(np.abs(points[:, np.newaxis] - surface.points) <= _SAME, axis=2), axis=1)
+    return np.where(known, -1.0, surface.improvement(points, lowest))
 
 
 def _near(centres: FloatArray, width: float, count: int, generator: np.random.Generator) -> FloatArray:
@@ -149,7 +157,7 @@ class _Likelihood:
 
 def _squares(first: FloatArray, second: FloatArray, unordered: BoolArray) -> FloatArray:
     differences = first[:, np.newaxis] - second
-    return np.where(unordered, np.abs(differences) > 1e-9, differences**2).astype(np.float64)
+    return np.where(unordered, np.abs(differences) > _SAME, differences**2).astype(np.float64)
 
 
 def _matern(distances: FloatArray) -> FloatArray:

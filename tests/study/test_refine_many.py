@@ -7,7 +7,8 @@ import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 from scipy.optimize import check_grad
 
-from gtf_tune.study.refine_many import MOST_POINTS, Choices, RefineManySampler, coarse_points
+from gtf_tune.study.refine import Axis
+from gtf_tune.study.refine_many import MOST_POINTS, Choices, RefineManySampler, Space, coarse_points
 from gtf_tune.study.surface import _Likelihood, _squares, fit_surface, next_point
 
 SPACE = {
@@ -56,6 +57,16 @@ def test_trials_in_work_elsewhere_are_not_suggested_again() -> None:
     first, second = study.ask(SPACE), study.ask(SPACE)
 
     assert first.params != second.params
+
+
+@pytest.mark.parametrize("missing", range(8))
+def test_the_surface_tries_every_setting_before_it_repeats_one(missing: int) -> None:
+    snap = Space(("length", "kernel"), (Axis(IntDistribution(2, 5)), Choices(CategoricalDistribution(("a", "b"))))).snap
+    points = snap(np.array([[length / 3, kernel] for length in range(4) for kernel in (0.0, 1.0)]))
+    known = np.delete(points, missing, axis=0)
+    surface = fit_surface(known, np.arange(7.0), np.array([False, True]))
+
+    assert next_point(surface, 0, snap).tolist() == points[missing].tolist()
 
 
 def test_an_infeasible_region_is_left() -> None:
