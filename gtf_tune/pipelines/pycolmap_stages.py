@@ -10,7 +10,7 @@ images         grey images                                           the image s
 features       database with images, camera, keypoints, descriptors  images, camera, ``extraction.*``
 matches        database with matches only                            features, ``matching.*``, pairing
 geometry       database with keypoints and verified pairs            matches, ``verification.*``, seed
-calibration    the same, with focal lengths estimated                geometry, ``view_graph.*``, seed
+calibration    the same, with focal lengths estimated                geometry, matches, ``view_graph.*``, seed
 =============  ====================================================  =============================================
 """
 
@@ -115,6 +115,7 @@ class StagedRun:
         return self.key(
             "calibration",
             geometry=self.geometry_key,
+            matches=self.matches_key,
             options=dict(self.options.values["view_graph"]),
             seed=self.job.seed,
         )
@@ -221,10 +222,14 @@ class StagedRun:
         match(database, matching, pairing, self.options["verification"], pycolmap.Device.cpu)
 
     def _build_calibration(self, folder: Path) -> None:
-        shutil.copyfile(self.geometry(), folder / DATABASE)
-        if not pycolmap.calibrate_view_graph(folder / DATABASE, self.options["view_graph"]):
-            raise RunError("the focal length could not be estimated from the verified pairs; give the intrinsics")
-        make_plain(folder / DATABASE)
+        geometry, matches = self.geometry(), self._matches()
+        with self._scratch() as working:
+            shutil.copyfile(geometry, working)
+            # Relative poses are estimated anew from all matches: a pair without them would lose its geometry.
+            add_rows(matches, working, "matches")
+            if not pycolmap.calibrate_view_graph(working, self.options["view_graph"]):
+                raise RunError("the focal length could not be estimated from the verified pairs; give the intrinsics")
+            copy_database(working, folder / DATABASE, without={"matches"})
 
     @contextlib.contextmanager
     def _scratch(self) -> Iterator[Path]:

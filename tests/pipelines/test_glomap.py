@@ -10,8 +10,9 @@ import pytest
 from gtf_tune.errors import RunError
 from gtf_tune.metrics import ate
 from gtf_tune.pipelines import PipelineOutput, create_pipeline
+from gtf_tune.pipelines.pycolmap_database import copy_database
 from gtf_tune.pipelines.pycolmap_family import run_to_models, trajectory_of
-from gtf_tune.pipelines.pycolmap_stages import StagedRun
+from gtf_tune.pipelines.pycolmap_stages import DATABASE, StagedRun
 from gtf_tune.sequence import Sequence
 from gtf_tune.testing import ContractCase, FolderStages, PipelineContract
 from gtf_tune.trajectory import to_bytes
@@ -102,7 +103,29 @@ def test_unknown_intrinsics_are_calibrated_first(scene: Sequence, kept_stages: F
 
     assert "calibration" in [stage for stage, _ in kept_stages.built]
     assert output.diagnostics["calibration_cached"] is False
-    assert len(output.trajectory) >= len(scene) - 2
+    assert len(output.trajectory) == len(scene)
+
+
+def test_unknown_intrinsics_give_what_colmap_gives_in_one_go(
+    scene: Sequence, kept_stages: FolderStages, tmp_path: Path
+) -> None:
+    pipeline: Any = create_pipeline("glomap")
+    case = ContractCase(pipeline, replace(scene, camera=None))
+    output = case.run(tmp_path / "staged", kept_stages)
+
+    job = case.job(tmp_path / "whole", kept_stages, {})
+    options = pipeline._tree.build(job.options, threads=1, seed=job.seed)
+    staged = StagedRun(job, options, pipeline.settings, pipeline.version)
+    matches = tmp_path / "whole.db"
+    copy_database(kept_stages.folder / f"features-{staged.features_key}" / DATABASE, matches)
+    pycolmap.match_exhaustive(
+        matches, options["matching"], options["pairing"], options["verification"], pycolmap.Device.cpu
+    )
+    pycolmap.calibrate_view_graph(matches, options["view_graph"])
+    database = pycolmap.Database.open(matches)
+    (model,) = run_to_models(lambda manager: pycolmap.GlobalPipeline(options["mapping"], database, manager))
+    database.close()
+    assert to_bytes(output.trajectory) == to_bytes(trajectory_of(model, job.images))
 
 
 def test_seeds_change_two_view_geometry_only(
