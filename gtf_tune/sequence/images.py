@@ -21,6 +21,11 @@ _UINT8_STEP = 257
 _JPEG_SCAN = 0xDA
 _JPEG_END = b"\xff\xd9"
 
+# TIFF tags by which OpenCV would change pixels, and values with which it does not: upright, and alpha multiplied in.
+_TIFF_ORDERS = {b"II*\x00": "<", b"MM\x00*": ">"}
+_TIFF_SHORT = 3
+_TIFF_NEUTRAL = {0x0112: 1, 0x0152: 1}
+
 
 def is_image(path: Path) -> bool:
     """Tell whether the name is that of an image; hidden files (as macOS leaves them) are not."""
@@ -41,7 +46,7 @@ def read_grey(path: Path) -> GreyImage:
     """
     data = _read_bytes(path)
     _check_complete(path, data[:4], data[-_TAIL_BYTES:])
-    pixels = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    pixels = cv2.imdecode(np.frombuffer(_as_stored(data), dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if pixels is None:
         raise SequenceError(f"{path}: cannot be decoded as an image; replace the file or leave the frame out")
     return _to_grey(path, pixels)
@@ -119,6 +124,21 @@ def _to_grey(path: Path, pixels: NDArray[np.generic]) -> GreyImage:
     if pixels.dtype == np.uint16:
         pixels = np.rint(pixels.astype(np.float32) / _UINT8_STEP).astype(np.uint8)
     return np.ascontiguousarray(pixels, dtype=np.uint8)
+
+
+def _as_stored(data: bytes) -> bytes:
+    """Return TIFF data without orientation and meaning of alpha, which OpenCV applies to this format alone."""
+    order = _TIFF_ORDERS.get(data[:4])
+    if order is None or len(data) < 8:
+        return data
+    (start,) = struct.unpack_from(f"{order}I", data, 4)
+    count = struct.unpack_from(f"{order}H", data, start)[0] if start + 2 <= len(data) else 0
+    changed = bytearray(data)
+    for at in range(start + 2, min(start + 2 + 12 * count, len(data) - 11), 12):
+        tag, kind, values = struct.unpack_from(f"{order}HHI", data, at)
+        if tag in _TIFF_NEUTRAL and (kind, values) == (_TIFF_SHORT, 1):
+            struct.pack_into(f"{order}H", changed, at + 8, _TIFF_NEUTRAL[tag])
+    return bytes(changed)
 
 
 def _size_from_header(head: bytes) -> tuple[int, int] | None:

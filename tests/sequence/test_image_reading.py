@@ -1,3 +1,5 @@
+import struct
+
 import cv2
 import numpy as np
 import pytest
@@ -55,6 +57,41 @@ def test_exif_orientation_is_ignored(tmp_path):
     assert cv2.imread(str(path)).shape[:2] == (64, 48)
     assert image_size(path) == (64, 48)
     assert read_grey(path).shape == (48, 64)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("orientation", [3, 6])
+def test_the_orientation_of_a_tiff_is_ignored(tmp_path, order, orientation):
+    path = tmp_path / "a.tif"
+    write_tiff(path, RAMP[..., None], order, {274: orientation})
+
+    assert image_size(path) == (64, 48)
+    np.testing.assert_array_equal(read_grey(path), RAMP)
+
+
+def test_the_alpha_of_a_tiff_is_ignored(tmp_path):
+    path = tmp_path / "a.tif"
+    write_tiff(path, np.dstack([RAMP, RAMP, RAMP, np.full_like(RAMP, 100)]), "<", {338: 2})
+
+    np.testing.assert_array_equal(read_grey(path), RAMP)
+
+
+def write_tiff(path, pixels, order, more):
+    """Write an uncompressed TIFF of 8 bits in one strip with tags of our own, which OpenCV's writer does not take."""
+    height, width, channels = pixels.shape
+    tags = {256: width, 257: height, 258: 8, 259: 1, 262: 2 if channels > 1 else 1, 273: 512, 277: channels}
+    tags = dict(sorted((tags | {278: height, 279: pixels.size} | more).items()))
+    head = (b"II" if order == "<" else b"MM") + struct.pack(f"{order}HI", 42, 8) + struct.pack(f"{order}H", len(tags))
+    entries = b"".join(_entry(order, tag, value, channels) for tag, value in tags.items())
+    path.write_bytes((head + entries).ljust(500, b"\0") + struct.pack(f"{order}4H", 8, 8, 8, 8).ljust(12, b"\0"))
+    path.write_bytes(path.read_bytes() + pixels.tobytes())
+
+
+def _entry(order, tag, value, channels):
+    if tag == 258 and channels > 2:
+        return struct.pack(f"{order}HHII", tag, 3, channels, 500)
+    kind, text = (3, "HHIHH") if tag not in (273, 279) else (4, "HHII")
+    return struct.pack(f"{order}{text}", tag, kind, 1, value, *([0] if kind == 3 else []))
 
 
 def test_a_film_behind_a_photograph_is_skipped(tmp_path):
