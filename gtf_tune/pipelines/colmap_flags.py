@@ -1,7 +1,7 @@
 """Name options of the pycolmap pipelines as COLMAP's command line and project files name them.
 
-``colmap_flags.txt`` lists the names that COLMAP 4's ``option_manager.cc`` registers; an option without a name there can
-be set from pycolmap only.
+``colmap_flags.txt`` lists the names that COLMAP 4's ``option_manager.cc`` registers, and those without a section that
+its ``view_graph_calibrator`` takes; an option without a name there can be set from pycolmap only.
 """
 
 from collections.abc import Iterator
@@ -29,9 +29,11 @@ _GLOBAL = (
     ("mapper.rotation_averaging.", "GlobalMapper.ra_"),
     ("mapper.", "GlobalMapper."),
     ("pipeline.", "GlobalMapper."),
+    ("view_graph.", ""),
 )
 _INCREMENTAL = (
     ("triangulation.", "Mapper.tri_"),
+    ("mapper.ba_global_prune_points_", "Mapper.ba_global_ignore_redundant_points3D_"),
     ("mapper.", "Mapper."),
     ("pipeline.", "Mapper."),
 )
@@ -41,7 +43,15 @@ _HIERARCHICAL = (
     *_INCREMENTAL,
 )
 _MAPPERS = {"glomap": _GLOBAL, "colmap": _INCREMENTAL, "colmap-hierarchical": _HIERARCHICAL}
+_CALIBRATOR = "view_graph_calibrator"
+_LAST_COMMANDS = {
+    "ImageReader": "feature_extractor",
+    "glomap": (_CALIBRATOR, "global_mapper"),
+    "colmap": ("mapper",),
+    "colmap-hierarchical": ("hierarchical_mapper",),
+}
 _COMMANDS = {
+    "ImageReader": "feature_extractor",
     "FeatureExtraction": "feature_extractor",
     "SiftExtraction": "feature_extractor",
     "AlikedExtraction": "feature_extractor",
@@ -58,13 +68,19 @@ _COMMANDS = {
 
 
 def flag_of(pipeline: str, option: str) -> str | None:
-    """Return COLMAP's name ``Section.name`` of an option, or ``None`` where its command line has none."""
+    """Return COLMAP's name of an option, mostly ``Section.name``, or ``None`` where its command line has none."""
     return next((flag for flag in _candidates(pipeline, option) if flag in _flags()), None)
+
+
+def commands_of(pipeline: str, pairing: str = "exhaustive") -> tuple[str, ...]:
+    """Return the COLMAP commands of a pipeline in the order in which they run."""
+    return ("feature_extractor", f"{pairing}_matcher", *_LAST_COMMANDS[pipeline])
 
 
 def command_of(pipeline: str, flag: str, pairing: str = "exhaustive") -> str:
     """Return the COLMAP command of a pipeline that reads a flag, for example ``feature_extractor``."""
-    command = _COMMANDS[flag.split(".", 1)[0]]
+    section, dot, _ = flag.partition(".")
+    command = _COMMANDS[section] if dot else _CALIBRATOR
     if command == "mapper" and pipeline == "colmap-hierarchical":
         return "hierarchical_mapper"
     return f"{pairing}_matcher" if command.endswith("_matcher") else command

@@ -3,18 +3,21 @@
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from gtf_tune.definition import StudyDefinition
 from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import OptionValue, option_text
-from gtf_tune.pipelines.colmap_flags import command_of, flag_of
+from gtf_tune.pipelines.colmap_flags import command_of, commands_of, flag_of
 
 _COLMAP_FORMATS = ("colmap-ini", "colmap-cli")
 _OTHER_FORMATS = ("json", "csv", "tum")
 FORMATS = (*_COLMAP_FORMATS, *_OTHER_FORMATS)
 _FILES = MappingProxyType({"options.json": "json", "project.ini": "colmap-ini", "colmap-flags.txt": "colmap-cli"})
+_WHEN = MappingProxyType({"view_graph_calibrator": "  # only where the intrinsics are unknown"})
+_NO_SETTINGS: Mapping[str, object] = MappingProxyType({})
 _COLMAP_PIPELINES = ("glomap", "colmap", "colmap-hierarchical")
 _INI_HEAD = (
     "# With a project file COLMAP takes paths from it alone: put database_path=, image_path= and output_path= here."
@@ -26,29 +29,28 @@ def formats_of(pipeline: str) -> tuple[str, ...]:
     return FORMATS if pipeline in _COLMAP_PIPELINES else _OTHER_FORMATS
 
 
-def colmap_ini(pipeline: str, options: Mapping[str, OptionValue]) -> str:
+def colmap_ini(pipeline: str, options: Mapping[str, OptionValue], settings: Mapping[str, object] = _NO_SETTINGS) -> str:
     """Return a COLMAP project file but for its paths; what COLMAP's command line lacks follows as comments."""
     _require_colmap(pipeline)
     sections: dict[str, list[str]] = {}
-    for name, value in options.items():
-        flag = flag_of(pipeline, name)
-        if flag is not None:
-            section, key = flag.split(".", 1)
-            sections.setdefault(section, []).append(f"{key}={_text(value)}")
-    blocks = [f"[{section}]\n" + "\n".join(lines) for section, lines in sorted(sections.items())]
+    for flag, value in _flags(pipeline, options, settings):
+        section, _, key = flag.rpartition(".")
+        sections.setdefault(section, []).append(f"{key}={value}")
+    blocks = [f"[{section}]\n" * bool(section) + "\n".join(lines) for section, lines in sorted(sections.items())]
     blocks += [f"# only from pycolmap: {name}={_text(options[name])}" for name in without_flag(pipeline, options)]
     return "\n".join([_INI_HEAD, *blocks]) + "\n"
 
 
-def colmap_flags(pipeline: str, options: Mapping[str, OptionValue], pairing: str = "exhaustive") -> str:
-    """Return one line of flags for each COLMAP command; what the command line lacks follows as comments."""
+def colmap_flags(
+    pipeline: str, options: Mapping[str, OptionValue], settings: Mapping[str, object] = _NO_SETTINGS
+) -> str:
+    """Return the COLMAP commands in running order with their flags; what these lack follows as comments."""
     _require_colmap(pipeline)
-    commands: dict[str, list[str]] = {}
-    for name, value in options.items():
-        flag = flag_of(pipeline, name)
-        if flag is not None:
-            commands.setdefault(command_of(pipeline, flag, pairing), []).append(f"--{flag} {_text(value)}")
-    lines = [f"colmap {command} {' '.join(flags)}" for command, flags in sorted(commands.items())]
+    pairing = str(settings.get("pairing", "exhaustive"))
+    commands: dict[str, list[str]] = {name: [] for name in commands_of(pipeline, pairing)}
+    for flag, value in _flags(pipeline, options, settings):
+        commands[command_of(pipeline, flag, pairing)].append(f" --{flag} {shlex.quote(value)}")
+    lines = [f"colmap {name}{''.join(flags)}{_WHEN.get(name, '')}" for name, flags in commands.items()]
     lines += [f"# only from pycolmap: {name}={_text(options[name])}" for name in without_flag(pipeline, options)]
     return "\n".join(lines) + "\n"
 
@@ -80,6 +82,21 @@ def without_flag(pipeline: str, options: Mapping[str, OptionValue]) -> list[str]
     return [name for name in options if flag_of(pipeline, name) is None]
 
 
+def _flags(
+    pipeline: str, options: Mapping[str, OptionValue], settings: Mapping[str, object]
+) -> Iterator[tuple[str, str]]:
+    """Yield COLMAP's names and values of a setting, after those that make it see the images as the pipeline does."""
+    yield "ImageReader.single_camera", "1"
+    if settings.get("camera_model"):
+        yield "ImageReader.camera_model", str(settings["camera_model"])
+    if settings.get("vocab_tree_path") and settings.get("pairing") == "sequential":
+        yield "SequentialMatching.vocab_tree_path", str(settings["vocab_tree_path"])
+    for name, value in options.items():
+        flag = flag_of(pipeline, name)
+        if flag is not None:
+            yield flag, _text(value)
+
+
 def _require_colmap(pipeline: str) -> None:
     if _COLMAP_FORMATS[0] not in formats_of(pipeline):
         raise DefinitionError(
@@ -104,9 +121,9 @@ def setting_text(format_: str, definition: StudyDefinition, searched: Mapping[st
     pipeline = definition.pipeline
     options = {**pipeline.options, **searched}
     if format_ == "colmap-ini":
-        return colmap_ini(pipeline.name, options)
+        return colmap_ini(pipeline.name, options, pipeline.settings)
     if format_ == "colmap-cli":
-        return colmap_flags(pipeline.name, options, str(pipeline.settings.get("pairing", "exhaustive")))
+        return colmap_flags(pipeline.name, options, pipeline.settings)
     return option_json(options)
 
 
