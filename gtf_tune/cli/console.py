@@ -6,6 +6,8 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from gtf_tune.cli.streams import writing_results
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -31,7 +33,13 @@ def say(text: str) -> None:
 
 def write_line(text: str) -> None:
     """Print one line of a result on stdout, exactly as it is."""
-    sys.stdout.write(text + "\n")
+    write_text(text + "\n")
+
+
+def write_text(text: str) -> None:
+    """Print a result on stdout, exactly as it is."""
+    with writing_results():
+        sys.stdout.write(text)
 
 
 def write_options(options: Mapping[str, Any]) -> None:
@@ -44,7 +52,7 @@ def write_options(options: Mapping[str, Any]) -> None:
 
 def write_json(value: Any) -> None:
     """Print a result as JSON on stdout; numbers that JSON lacks become null."""
-    sys.stdout.write(json.dumps(_jsonable(value), indent=2) + "\n")
+    write_line(json.dumps(_jsonable(value), indent=2))
 
 
 def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: str = "") -> None:
@@ -58,7 +66,8 @@ def write_table(columns: Sequence[str], rows: Iterable[Sequence[str]], title: st
         table.add_column(name, justify="right" if right else "left", overflow="fold")
     for row in rows:
         table.add_row(*(_plain(cell) for cell in row))
-    stdout().print(table)
+    with writing_results():
+        stdout().print(table)
 
 
 def write_pairs(pairs: Mapping[str, str]) -> None:
@@ -70,7 +79,8 @@ def write_pairs(pairs: Mapping[str, str]) -> None:
     table.add_column(overflow="fold")
     for name, value in pairs.items():
         table.add_row(_plain(name), _plain(value))
-    stdout().print(table)
+    with writing_results():
+        stdout().print(table)
 
 
 def permille(value: float | None) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import say
+from gtf_tune.cli.console import say, write_text
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage
 from gtf_tune.cli.true_errors import TrueErrors
@@ -114,7 +114,7 @@ def _write_trajectories(database: "Database", trial: "Trial", folder: Path) -> N
 
 def _deliver(text: str, output: Path | None) -> None:
     if output is None:
-        typer.echo(text, nl=False)
+        write_text(text)
         return
     with _writing(output):
         output.write_text(text, encoding="utf-8")

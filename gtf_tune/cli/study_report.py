@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import duration, percent, say
+from gtf_tune.cli.console import duration, percent, say, write_line
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage
 from gtf_tune.cli.study_notes import suggest_outcome
@@ -80,7 +80,7 @@ def watch(
         for trial in known:
             if trial.state != "claimed" and trial.ordinal not in shown:
                 shown.add(trial.ordinal)
-                typer.echo(_line(trial, nominal, unit))
+                write_line(_line(trial, nominal, unit))
         if study.state == "done":
             say(f"study '{name}' is done")
             suggest_outcome(database, name)
