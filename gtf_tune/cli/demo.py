@@ -37,7 +37,6 @@ def demo(
     from gtf_tune.study.create import checked_definition, create_study, open_study
 
     hush_optuna()
-    folder.mkdir(parents=True, exist_ok=True)
     room = folder / "room"
     if not (room / "groundtruth.txt").exists():
         say(f"rendering a room into {room}")

@@ -201,3 +201,9 @@ def test_a_place_that_cannot_take_an_export_is_named(cli: Cli, room: Path) -> No
         said = cli("study", "export", "small", "--format", format_, "--output", place)
         _assert_one_sentence(said, f"cannot write {place} (", "choose another place with --output")
     assert Path("taken").read_text() == "a file in the way"
+
+
+def test_a_place_where_the_demo_cannot_write_is_one_sentence(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+
+    _assert_one_sentence(cli("demo", "--folder", "file/demo"), "cannot write the sequence")
