@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import pkgutil
+from importlib.resources import files
 from types import ModuleType
 
 import pytest
@@ -25,6 +26,10 @@ def package(request: pytest.FixtureRequest) -> ModuleType:
 @pytest.mark.parametrize("name", PACKAGES)
 def test_every_package_says_what_it_is_for(name: str) -> None:
     assert (importlib.import_module(name).__doc__ or "").strip()
+
+
+def test_type_checkers_are_told_that_the_package_is_typed() -> None:
+    assert (files("gtf_tune") / "py.typed").is_file()
 
 
 def test_names_are_sorted_as_ruff_sorts_them(package: ModuleType) -> None:
