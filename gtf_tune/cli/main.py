@@ -13,7 +13,7 @@ from gtf_tune.cli.evaluate import evaluate
 from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.noise import noise
 from gtf_tune.cli.storage_access import close_storages
-from gtf_tune.cli.streams import fill_closed_streams
+from gtf_tune.cli.streams import ready_streams
 from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE
 from gtf_tune.cli.worker import worker
 from gtf_tune.errors import GtfTuneError
@@ -42,7 +42,7 @@ app.command("doctor", rich_help_panel="Start")(doctor)
 
 def main() -> None:
     """Run the command line; a `GtfTuneError` becomes one sentence on stderr and exit code 1, Ctrl-C exit code 130."""
-    fill_closed_streams()
+    ready_streams()
     try:
         app()
     except GtfTuneError as error:

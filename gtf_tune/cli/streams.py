@@ -1,6 +1,7 @@
 """Give the command line standard streams that can be written to."""
 
 import contextlib
+import io
 import os
 import sys
 from collections.abc import Iterator
@@ -8,13 +9,11 @@ from collections.abc import Iterator
 from gtf_tune.errors import StorageError
 
 
-def fill_closed_streams() -> None:
-    """Let what goes to a closed stream (``>&-``, some daemons) vanish, and no other file take its descriptor."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            descriptor = os.open(os.devnull, os.O_RDWR)
-            os.set_inheritable(descriptor, True)
-            setattr(sys, name, os.fdopen(descriptor, mode))
+def ready_streams() -> None:
+    """Let stdout take every letter, and what goes to a closed stream vanish."""
+    _fill_closed()
+    if isinstance(sys.stdout, io.TextIOWrapper):  # as stderr does: a terminal of Latin-1 has no per mille sign
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 @contextlib.contextmanager
@@ -34,3 +33,12 @@ def writing_results() -> Iterator[None]:
     except OSError as error:
         sys.stdout = open(os.devnull, "w")  # noqa: SIM115  Python flushes what is left once more at its end
         raise StorageError(f"cannot write the result to stdout ({error.strerror}); check where it goes") from error
+
+
+def _fill_closed() -> None:
+    """Open what the caller closed (``>&-``, some daemons), so that no other file takes its descriptor."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            descriptor = os.open(os.devnull, os.O_RDWR)
+            os.set_inheritable(descriptor, True)
+            setattr(sys, name, os.fdopen(descriptor, mode))

@@ -9,9 +9,12 @@ import pytest
 from tests.study.conftest import write_sequence
 
 
-def _redirected(arguments: str, redirection: str, folder: Path) -> subprocess.CompletedProcess[str]:
+def _redirected(arguments: str, redirection: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
     command = f'exec "$0" -m gtf_tune {arguments} {redirection}'
-    environment = {"GTF_TUNE_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": ":".join(filter(None, sys.path))}
+    environment = {
+        "GTF_TUNE_CACHE_DIR": str(folder / "cache"),
+        "PYTHONPATH": ":".join(filter(None, sys.path)),
+    } | variables
     return subprocess.run(
         ["/bin/sh", "-c", command, sys.executable],
         cwd=folder,
@@ -51,3 +54,12 @@ def test_a_reader_that_has_seen_enough_hears_no_complaint(tmp_path: Path) -> Non
     done = _redirected("pipeline options analytic --json", "| true", tmp_path)
 
     assert "BrokenPipeError" not in done.stderr
+
+
+def test_a_letter_that_the_terminal_lacks_is_spelt_out(tmp_path: Path) -> None:
+    write_sequence(tmp_path / "room", ground_truth=False)
+
+    done = _redirected("evaluate room -p analytic -k 1 -K 2 -j 1", "", tmp_path, PYTHONIOENCODING="latin-1")
+
+    assert done.returncode == 0
+    assert r"\u2030 of extent" in done.stdout
