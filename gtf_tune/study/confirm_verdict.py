@@ -20,7 +20,7 @@ from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.gtf import GtfScore, PairedDifference, common_collapses, difference_over_sequences, holm
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.study.coverage import LEAST_COMMON, CoverageFloor, coverage_floor
+from gtf_tune.study.coverage import LEAST_COMMON, CoverageFloor, below, coverage_floor
 from gtf_tune.study.verdicts import ADOPT, KEEP, NO_VERDICT
 from gtf_tune.two_way import FEWEST_INSTANCES
 
@@ -122,10 +122,8 @@ def _faults(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinitio
     found = _lost_frames(name, nominal, candidate, gtf)
     apart = [int((one.common_shares < LEAST_COMMON).sum()) for one in (nominal, candidate)]
     if apart[1] > apart[0] and not found:
-        found.append(
-            f"a noisy run on {name} shares {candidate.common_shares.min():.0%} of its frames with a clean one, less "
-            f"than {LEAST_COMMON:.0%}"
-        )
+        shown, wanted = below(float(candidate.common_shares.min()), LEAST_COMMON)
+        found.append(f"a noisy run on {name} shares {shown} of its frames with a clean one, less than {wanted}")
     of_nominal, of_candidate = common_collapses(nominal.matrix, candidate.matrix)
     if of_candidate.sum() > of_nominal.sum():
         found.append(
@@ -145,8 +143,9 @@ def _lost_frames(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefi
     missing = [_missing(one, floor) for one in (nominal, candidate)]
     if sum(gap > 0 for gap, _, _ in missing[1]) <= sum(gap > 0 for gap, _, _ in missing[0]):
         return []
-    _, coverage, wanted = max(missing[1])
-    return [f"a run on {name} registered {coverage:.0%} of the frames, less than {wanted:.0%}"]
+    _, *both = max(missing[1])
+    shown, wanted = below(*both)
+    return [f"a run on {name} registered {shown} of the frames, less than {wanted}"]
 
 
 def _missing(score: GtfScore, floor: CoverageFloor) -> list[tuple[float, float, float]]:

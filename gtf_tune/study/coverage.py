@@ -13,6 +13,8 @@ LEAST_COMMON = 0.5
 LOST_BELOW = 0.5
 """Share of the median coverage below which a nominal run has lost the sequence and sets no example."""
 
+_MOST_DIGITS = 6
+
 
 @dataclass(frozen=True)
 class CoverageFloor:
@@ -43,6 +45,12 @@ def coverage_floor(clean: Sequence[float], noisy: Sequence[float], share: float)
     if not known:
         return CoverageFloor(0.0, 0.0)
     return CoverageFloor(*(share * (min(known) if one is None else one) for one in by_kind))
+
+
+def below(share: float, wanted: float) -> tuple[str, str]:
+    """Return a share of frames and the larger one that was wanted in per cent, with the digits that tell them apart."""
+    both = [(f"{share:.{digits}%}", f"{wanted:.{digits}%}") for digits in range(_MOST_DIGITS + 1)]
+    return next((one for one in both if one[0] != one[1]), both[-1])
 
 
 def _dependable(coverages: Sequence[float]) -> float | None:

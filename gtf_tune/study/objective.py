@@ -11,7 +11,7 @@ import numpy as np
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.gtf import GtfScore, GtfSettings, gtf_score
-from gtf_tune.study.coverage import LEAST_COMMON, CoverageFloor
+from gtf_tune.study.coverage import LEAST_COMMON, CoverageFloor, below
 from gtf_tune.trajectory import Trajectory
 
 _UNBOUNDED_PENALTY = 1e6
@@ -132,7 +132,8 @@ def score_sequence(
         (wanted - found, found, wanted) for found, (_, wanted) in zip(coverages, runs, strict=True)
     )
     if missing > 0 or errors:
-        message = errors[0] if errors else f"a run registered {worst:.0%} of the frames, less than {wanted:.0%}"
+        shown, floor_shown = below(worst, wanted)
+        message = errors[0] if errors else f"a run registered {shown} of the frames, less than {floor_shown}"
         return SequenceScore(None, coverage, max(missing, _JUST_VIOLATED), message)
     score = gtf_score(
         [run.trajectory for run in clean], [run.trajectory for run in noisy], settings_of(gtf), num_frames=num_frames

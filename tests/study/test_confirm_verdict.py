@@ -98,6 +98,12 @@ def test_a_run_below_the_coverage_floor_prevents_an_adoption() -> None:
     assert "90% of the frames, less than 95%" in result["candidates"][0]["reasons"][0]
 
 
+def test_a_run_just_below_the_floor_is_not_said_to_register_as_much_as_the_floor() -> None:
+    result = judge(findings({"a": score(0.7, seed=1, coverage=18 / 19)}, nominal={"a": score(1.0)}), GTF)
+
+    assert result["candidates"][0]["reasons"] == ["a run on a registered 94.7% of the frames, less than 95.0%"]
+
+
 def test_a_regression_on_a_held_out_sequence_prevents_an_adoption() -> None:
     result = judge(
         findings(

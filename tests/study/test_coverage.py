@@ -49,6 +49,14 @@ def test_the_run_that_lacks_most_is_named_with_the_floor_of_its_kind() -> None:
     assert found.violation == pytest.approx(0.2)
 
 
+def test_a_run_just_below_the_floor_is_not_said_to_register_as_much_as_the_floor() -> None:
+    found = score_sequence(
+        [run(range(19), 0)], [run(range(18), 1)], num_frames=19, floor=CoverageFloor(0.95, 0.95), gtf=GTF
+    )
+
+    assert found.message == "a run registered 94.7% of the frames, less than 95.0%"
+
+
 def test_a_few_common_frames_make_no_score() -> None:
     floor = CoverageFloor(0.5, 0.5)
     halves = ([run(range(27), 0)], [run(range(23, 50), 1)])
