@@ -39,6 +39,7 @@ def confirm(
     Example: gtf-tune study confirm photos --top 3 --runs 16
     """
     from gtf_tune.report.dashboard.sync import DashboardSync
+    from gtf_tune.report.units import definition_unit
     from gtf_tune.study.confirm import confirm as confirm_plan
     from gtf_tune.study.confirm import plan_confirmation
     from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
@@ -61,7 +62,7 @@ def confirm(
     if json:
         write_json(found.result)
         return
-    _write(found)
+    _write(found, definition_unit(study.definition).name)
     if found.verdict == KEEP and not plan.nominal.feasible:
         suggest_nominal_that_works(name, storage_flag(database))
     elif found.verdict == NO_VERDICT:
@@ -79,25 +80,23 @@ class _Lines:
         say(f"{slot.kind} run {slot.index} on {slot.sequence}: {note}")
 
 
-def _write(found: "Confirmation") -> None:
+def _write(found: "Confirmation", score: str) -> None:
     candidates = found.result["candidates"]
+    columns = (f">change of {score}", "95 % interval", ">p")
     if not candidates:
         write_line(f"verdict: {found.verdict}; no setting had a better score than nominal in the search")
         return
-    write_table(["trial", *_COLUMNS, "verdict"], [_line(one) for one in candidates])
+    write_table(["trial", *columns, "verdict"], [_line(one) for one in candidates])
     several = [one for one in candidates if len(one["by_sequence"]) > 1]
     rows = [_sequence_line(one["ordinal"], *item) for one in several for item in one["by_sequence"].items()]
     if rows:
         write_line("")
-        write_table(["trial", "sequence", *_COLUMNS], rows)
+        write_table(["trial", "sequence", *columns], rows)
     for one in candidates:
         for reason in one["reasons"]:
             write_line(f"trial {one['ordinal']}: {reason}")
     adopted = found.result["adopted"]
     write_line(f"verdict: {found.verdict}" + (f" trial {adopted}" if adopted is not None else ""))
-
-
-_COLUMNS = (">change of GTF ATE", "95 % interval", ">p")
 
 
 def _line(one: Mapping[str, Any]) -> tuple[str, ...]:

@@ -12,12 +12,15 @@ ROTATION = 'metric = "rpe_rotation"'
 RAW = 'normalise = "none"'
 
 
-def create(cli: Cli, name: str, gtf: str = "", *sequences: str) -> None:
+RANGE = "{ low = 1e-3, high = 1e-1, log = true }"
+
+
+def create(cli: Cli, name: str, gtf: str = "", *sequences: str, axis: str = RANGE, sampler: str = "random") -> None:
     tables = "".join(f'[[sequences]]\nname = "{one}"\npath = "{one}"\n' for one in ("room", *sequences))
     Path(f"{name}.toml").write_text(
         f'name = "{name}"\n[pipeline]\nname = "analytic"\n{tables}'
-        '[space]\n"filter.max_error" = { low = 1e-3, high = 1e-1, log = true }\n'
-        f'[gtf]\nclean_runs = 1\nnoisy_runs = 3\n{gtf}\n[search]\nsampler = "random"\ntrials = 2\n'
+        f'[space]\n"filter.max_error" = {axis}\n'
+        f'[gtf]\nclean_runs = 1\nnoisy_runs = 3\n{gtf}\n[search]\nsampler = "{sampler}"\ntrials = 2\n'
     )
     made = cli("study", "create", f"{name}.toml")
     assert made.code == 0, made.err
@@ -75,6 +78,15 @@ def test_a_score_tried_otherwise_has_the_unit_of_what_is_tried(cli: Cli, room: P
     assert "GTF ATE [‰]" in as_stored
     assert "GTF RPE (rotation) [deg]" in as_rotation
     assert "‰" not in as_rotation
+
+
+def test_a_confirmation_names_the_score_that_it_compares(cli: Cli, room: Path) -> None:
+    create(cli, "relative", 'metric = "rpe_translation"', axis="{ values = [0.01, 0.003] }", sampler="grid")
+    cli("study", "run", "relative", "--jobs", "1")
+
+    confirmed = cli("study", "confirm", "relative", "--top", "1", "--runs", "4", "--jobs", "1").out
+
+    assert "change of GTF RPE " in confirmed
 
 
 def test_evaluate_tells_the_unit_of_score_and_true_error(cli: Cli, room: Path) -> None:
