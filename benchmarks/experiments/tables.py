@@ -134,7 +134,7 @@ def shortfall_table(outcomes: Sequence[Outcome]) -> Table:
                 f"{one.sequence} {one.option.short}",
                 f"{pick.value:g}: {percent(outcome.change(pick))}",
                 f"{oracle.value:g}: {percent(outcome.change(oracle))}",
-                f"{percent(math.exp(gap) - 1)} +- {half:.0%}",
+                f"{percent(math.expm1(gap))} ({' to '.join(percent(math.expm1(gap + end)) for end in (-half, half))})",
                 f"{oracle.collapsed:.0%}",
                 needed,
             ]
@@ -143,7 +143,7 @@ def shortfall_table(outcomes: Sequence[Outcome]) -> Table:
         "experiment",
         "pick",
         "oracle",
-        "score of oracle's against pick's",
+        "score of oracle's against pick's, 95 % interval",
         "oracle's collapses",
         "noisy runs",
     ], rows

@@ -50,10 +50,10 @@ PREDICTORS = (
 )
 SHORTFALL = (
     f"Experiments whose pick (aggregate `{AGGREGATE}`) misses the oracle by more than 1 % of the true ATE. The gap "
-    "compares the scores of both settings, paired by noise instance, without collapsed ones; +- is half its 95 % "
-    "interval. Where it is certain and positive, more noisy runs do not help: the score prefers another setting than "
-    "the truth does. Where it is certain and negative, pairs find what the aggregate missed. Otherwise the last column "
-    "says how many runs would settle which of the two the score prefers (power 80 %)."
+    "compares the scores of both settings, paired by noise instance, without collapsed ones; its 95 % interval stands "
+    "in brackets. Where it is certain and positive, more noisy runs do not help: the score prefers another setting "
+    "than the truth does. Where it is certain and negative, pairs find what the aggregate missed. Otherwise the last "
+    "column says how many runs would settle which of the two the score prefers (power 80 %)."
 )
 UNSEEN = (
     "Ground truth judges clean runs above, and those are one draw: where settings are near, the same settings rank "

@@ -209,6 +209,21 @@ def test_noisy_runs_are_useless_only_where_pairs_prefer_the_pick(oracle: tuple[f
     assert needed == told
 
 
+def test_a_gap_that_is_not_certain_has_an_interval_that_holds_zero() -> None:
+    matrix = np.ones((2, 6))
+    apart = np.exp(0.55 + 0.7 * np.array([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0]))
+    settings = [
+        replace(setting(0, 1.0, runs=6), matrix=2 * matrix),
+        replace(setting(1, 0.9, runs=6), matrix=matrix),
+        replace(setting(2, 0.5, runs=6), matrix=apart * matrix),
+    ]
+
+    ((*_, gap, _, needed),) = shortfall_table([outcome(*settings)])[1]
+
+    assert needed == "about 16"
+    assert gap == "+73.3% (-22.5% to +287.6%)"
+
+
 def test_picks_are_judged_on_the_half_of_the_noisy_runs_that_did_not_choose() -> None:
     nominal = setting(0, 1.0)
     lucky = setting(1, 0.9, noisy_true_ates=[0.2] + 7 * [2.0])
