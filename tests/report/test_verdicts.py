@@ -10,6 +10,7 @@ from gtf_tune.report.panels.verdict import verdict_headline, verdict_sentences
 from gtf_tune.report.study_data import StudyData, read_search, read_study
 from gtf_tune.report.tables.verdict import study_verdict
 from gtf_tune.store.database import Database
+from gtf_tune.study.verdicts import NO_VERDICT
 
 Confirm = Callable[[Database, str], None]
 
@@ -113,9 +114,24 @@ def test_a_nominal_that_does_not_work_is_never_kept(own_database: Database, conf
     data = replace(data, trials=tuple(broken))
     verdict = study_verdict(data)
 
-    assert (verdict.kind, verdict.ordinal) == ("unconfirmed", 3)
+    assert (verdict.kind, verdict.ordinal) == ("neither", 3)
     assert math.isnan(verdict.improvement.value)
-    assert "nominal options are infeasible" in verdict_sentences(data, verdict)[0]
+    assert verdict.candidates
+    assert "the nominal options were infeasible in the search" in verdict_sentences(data, verdict)[0]
+
+
+def test_a_confirmation_in_which_nominal_did_not_work_is_not_asked_for_again(
+    own_database: Database, confirm_study: Confirm
+) -> None:
+    confirm_study(own_database, NO_VERDICT)
+    data = read_study(own_database, "synthetic")
+
+    verdict = study_verdict(data)
+
+    assert verdict.kind == "neither"
+    assert "recommended" in verdict_headline(verdict)
+    assert "did not work" in verdict_sentences(data, verdict)[0]
+    assert not any("gtf-tune study confirm" in sentence for sentence in verdict_sentences(data, verdict))
 
 
 def test_a_confirmation_says_nothing_about_a_better_trial_that_came_later(

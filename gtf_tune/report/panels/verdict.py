@@ -13,6 +13,7 @@ from gtf_tune.report.tables.costs import StudyCost, study_cost
 from gtf_tune.report.tables.points import PointSet, study_points
 from gtf_tune.report.tables.verdict import Candidate, Verdict, study_verdict
 from gtf_tune.report.units import definition_unit
+from gtf_tune.study.verdicts import NO_VERDICT
 
 
 def verdict_panel(report: ReportInput) -> list[Block]:
@@ -39,6 +40,8 @@ def verdict_headline(verdict: Verdict) -> str:
         return f"Adopt the options of trial {verdict.ordinal}"
     if verdict.kind == "keep":
         return "Keep the nominal options"
+    if verdict.kind == "neither":
+        return "Neither the nominal options nor others are recommended"
     if verdict.kind == "unconfirmed":
         return f"Trial {verdict.ordinal} is the best so far; not confirmed yet"
     return "No verdict yet" if verdict.ordinal is None else "Keep the nominal options so far"
@@ -75,6 +78,8 @@ def _main_sentence(data: StudyData, verdict: Verdict) -> str:
             f"With fresh seeds none of {count(len(verdict.candidates), 'candidate')} passed every test; the table says "
             "what speaks against each."
         )
+    if verdict.kind == "neither":
+        return f"{_why_neither(data)}: create a study whose nominal options work."
     if verdict.kind == "unconfirmed" and data.nominal is None:
         return f"The nominal options are infeasible, so there is nothing to compare its {name} with."
     if verdict.kind == "unconfirmed":
@@ -87,6 +92,12 @@ def _main_sentence(data: StudyData, verdict: Verdict) -> str:
     if verdict.ordinal is None:
         return f"None of {count(len(data.trials), 'trial')} is feasible and complete so far."
     return f"None of {count(len(data.feasible) - 1, 'other feasible trial')} has a smaller {name} than nominal."
+
+
+def _why_neither(data: StudyData) -> str:
+    if data.confirmations[-1].verdict == NO_VERDICT:
+        return "With fresh seeds the nominal options did not work, so there was nothing to compare with"
+    return "With fresh seeds no candidate passed every test, and the nominal options were infeasible in the search"
 
 
 def _better_or_worse(improvement: float) -> str:

@@ -13,7 +13,7 @@ from gtf_tune.report.tables.points import TrialPoint, study_points
 from gtf_tune.study.picking import UNKNOWN_IMPROVEMENT, Improvement, improvement
 from gtf_tune.study.verdicts import ADOPT, KEEP, compared
 
-VerdictKind = Literal["adopt", "keep", "unconfirmed", "none"]
+VerdictKind = Literal["adopt", "keep", "neither", "unconfirmed", "none"]
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,10 @@ class Candidate:
 class Verdict:
     """Hold what a study says.
 
-    ``adopt`` and ``keep`` come from a confirmation with fresh seeds; ``unconfirmed`` means that the best trial so far
-    is not the nominal one and was not confirmed; ``none`` that no trial is feasible yet, or that none beats nominal.
+    ``adopt`` and ``keep`` come from a confirmation with fresh seeds, and so does ``neither``: the best trial was turned
+    down, or could not be compared, and the nominal setting does not work either. ``unconfirmed`` means that the best
+    trial so far is not the nominal one and was not confirmed; ``none`` that no trial is feasible yet, or that none
+    beats nominal.
     ``ratio`` is the trial's score over nominal's in the search, ``improvement`` the same instance by instance, from the
     confirmation where there is one; ``ground_truth`` is the improvement that ground truth sees. ``collapsed`` is the
     share of the trial's noisy runs that fell apart.
@@ -78,6 +80,8 @@ def study_verdict(data: StudyData) -> Verdict:
             return _about(data, "adopt", adopted.ordinal, adopted.improvement, found)
         if data.confirmations[-1].verdict == KEEP and data.nominal is not None:
             return _about(data, "keep", 0, UNKNOWN_IMPROVEMENT, found)
+        if not repeats_nominal:
+            return _about(data, "neither", best, UNKNOWN_IMPROVEMENT, found)
     if best == 0 or repeats_nominal:
         return _about(data, "none", 0)
     return _about(data, "unconfirmed", best, _searched_improvement(data, best))
