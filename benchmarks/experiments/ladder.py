@@ -25,7 +25,7 @@ from gtf_tune.study.noise_scale import NoiseScale
 from gtf_tune.study.objective import FinishedRun
 from gtf_tune.trajectory import Trajectory
 
-SEQUENCES = (ROOM, "dtu-scan24", "fountain-P11", "hut")
+SEQUENCES = (ROOM, "dtu-scan24", "fountain-P11", "hut", "kitti07", "kitti06")
 SIGMAS = (0.5, 1.0, 2.0, 5.0, 8.0)
 RUNS = 4
 
