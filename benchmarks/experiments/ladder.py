@@ -8,13 +8,13 @@ import numpy as np
 
 from benchmarks.experiments.measure import Bench, local_executor
 from benchmarks.experiments.numbers import known
-from benchmarks.experiments.plan import FIXED, ROOM
+from benchmarks.experiments.plan import FIXED, FRAMES, ROOM
 from gtf_tune.definition import GtfDefinition, LimitsDefinition
 from gtf_tune.metrics import ate
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.pipelines.run import RunRequest
+from gtf_tune.sequence import Selection, load_sequence
 from gtf_tune.sequence import Sequence as ImageSequence
-from gtf_tune.sequence import load_sequence
 from gtf_tune.store import runs
 from gtf_tune.store.database import Database
 from gtf_tune.store.trajectories import trajectories
@@ -69,7 +69,7 @@ def run_ladder(bench: Bench, name: str) -> None:
     """Measure the ladder of a sequence; finished runs are kept."""
     with local_executor(bench.jobs) as executor:
         source = RunSource(bench.database, executor, run_limits(LimitsDefinition()), bench.stop, Silent())
-        _probe().measure(load_sequence(bench.folders[name]), stored_runs(source))
+        _probe().measure(_frames_of(name, bench.folders), stored_runs(source))
 
 
 def read_ladder(database: Database, folders: Mapping[str, Path], name: str) -> Ladder:
@@ -80,11 +80,15 @@ def read_ladder(database: Database, folders: Mapping[str, Path], name: str) -> L
     NotMeasuredError
         Some of its runs are missing.
     """
-    sequence = load_sequence(folders[name])
+    sequence = _frames_of(name, folders)
     seen: list[list[Trajectory]] = []
     scale = _probe().measure(sequence, _only_stored(database, seen))
     # The first group holds the clean runs; each further one is a level.
     return ladder_of(name, scale, [_mean_ate(sequence, level) for level in seen[1:]])
+
+
+def _frames_of(name: str, folders: Mapping[str, Path]) -> ImageSequence:
+    return load_sequence(folders[name], name=name, selection=Selection(**FRAMES.get(name, {})))
 
 
 def _probe() -> NoiseProbe:
