@@ -217,6 +217,21 @@ def test_the_version_is_what_the_program_says() -> None:
     assert create({"arguments": PROGRAM}).version.startswith("sha256:")
 
 
+def test_the_version_is_that_of_the_program_and_not_of_its_launcher_only(tmp_path: Path) -> None:
+    program = tmp_path / "solver"
+    versions = set()
+    for text in ("#!/bin/sh\n", "#!/bin/sh\n# rebuilt\n"):
+        program.write_text(text)
+        program.chmod(0o755)
+        tables = {
+            "arguments": ["{launcher}", "{solver}"],
+            "parameters": {"launcher": {"kind": "arguments"}, "solver": {"kind": "executable"}},
+        }
+        versions.add(create({**tables, "launcher": ["env", "A=1"], "solver": str(program)}).version)
+
+    assert len(versions) == 2
+
+
 def test_groups_without_a_value_are_left_out_and_lists_spread() -> None:
     arguments = ("{launcher}", "a", ("--fx", "{camera_fx}"), ("--n", "{n}"))
 

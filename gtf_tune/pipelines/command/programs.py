@@ -30,6 +30,8 @@ def program_faults(definition: CommandDefinition, parameters: Mapping[str, Value
 def program_version(definition: CommandDefinition, parameters: Mapping[str, Value]) -> str:
     """Return what the version command says, or without one a digest of the programs' files.
 
+    A program that a launcher starts counts too: the first word of a step is then the launcher's.
+
     Raises
     ------
     DefinitionError
@@ -37,8 +39,18 @@ def program_version(definition: CommandDefinition, parameters: Mapping[str, Valu
     """
     if definition.version_command:
         return _asked_version(definition, parameters)
-    programs = [shutil.which(_program(words_of(step.arguments), parameters)) for step in definition.all_steps]
-    return "sha256:" + digest([file_digest(Path(str(program))) for program in programs])[:_SHORT_DIGEST]
+    programs = [str(shutil.which(_program(words_of(step.arguments), parameters))) for step in definition.all_steps]
+    programs += [program for program in _named_executables(definition, parameters) if program not in programs]
+    return "sha256:" + digest([file_digest(Path(program)) for program in programs])[:_SHORT_DIGEST]
+
+
+def _named_executables(definition: CommandDefinition, parameters: Mapping[str, Value]) -> Iterator[str]:
+    """Yield the executables among the parameters that a step names, in the order of the definition."""
+    words = [word for step in definition.all_steps for word in words_of(step.arguments)]
+    named = {name for word in words for name, _ in fields_of(word)}
+    for name, parameter in definition.parameters.items():
+        if parameter.kind == "executable" and name in named and name in parameters:
+            yield str(parameters[name])
 
 
 def _program(words: Iterable[str], parameters: Mapping[str, Value]) -> str:
