@@ -81,6 +81,19 @@ def seen_by(program: str, frames: Sequence, folder: Path, settings: dict[str, ob
     return json.loads((folder / "seen").read_text())
 
 
+def test_a_program_named_by_a_relative_path_is_that_of_the_current_folder(
+    frames: Sequence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "solver").write_text(f"#!/bin/sh\ncat > $1 <<END\n{POSES}END\n")
+    (tmp_path / "solver").chmod(0o755)
+    monkeypatch.chdir(tmp_path)
+    pipeline = create({"arguments": ["./solver", "{output}"], "output": {"association": "index"}})
+
+    found = ContractCase(pipeline, frames).run(tmp_path / "run", FolderStages(tmp_path / "stages"), {})
+
+    assert len(found.trajectory) == 1
+
+
 FILES = {
     "opencv.yaml": ("%YAML:1.0\nORB.n: 5   # corners\n", "%YAML:1.0\nORB.n: 6   # corners\n"),
     "nested.yml": ("a:\n  b: 0.5  # half\n", "a:\n  b: 0.25  # half\n"),

@@ -103,7 +103,7 @@ class StepRun:
         definition = self.command.definition
         words = definition.boolean_words
         values: dict[str, Value] = {**self.inputs.values, "state": state, "options": self._option_words(step)}
-        arguments = filled_arguments(step.arguments, values, words)
+        arguments = _started_anywhere(filled_arguments(step.arguments, values, words))
         sys.stdout.write(f"+ {shlex.join(arguments)}\n")
         with contextlib.ExitStack() as held, self.clock.timing(step.name):
             locks = [held.enter_context(cuda_lock(cuda_device()))] if definition.gpu else []
@@ -141,6 +141,12 @@ class StepRun:
             templates = option.arguments_if_false if value is False else option.arguments
         values: dict[str, Value] = {**self.inputs.values, "name": name, "value": value}
         return filled_arguments(templates, values, self.command.definition.boolean_words)
+
+
+def _started_anywhere(arguments: list[str]) -> list[str]:
+    """Return the words with a relative path of the program made absolute: it was found from here, not from the run."""
+    program = arguments[0]
+    return [os.path.abspath(program) if os.path.dirname(program) else program, *arguments[1:]]
 
 
 def _copy(previous: Path | None, folder: Path) -> None:
