@@ -134,8 +134,8 @@ class OutputDefinition(Section):
     """Say where the trajectory is, in which format, and how its poses belong to the frames.
 
     ``index`` takes the time column for the position in the list of images, ``row`` the n-th pose for the n-th image.
-    The time column is multiplied by ``time_scale`` first; ``sort`` puts the poses in the order of time. A COLMAP folder
-    may hold several models: the largest counts.
+    TUM's time column is multiplied by ``time_scale`` first; ``sort`` puts TUM's and EuRoC's poses in the order of time.
+    A COLMAP folder may hold several models: the largest counts.
     """
 
     path: str = "output"
@@ -153,6 +153,10 @@ class OutputDefinition(Section):
             raise ValueError("poses are associated by 'name' in the format 'colmap' and there only")
         if self.format == "kitti" and self.association != "row":
             raise ValueError("the format 'kitti' has no times; its association is 'row'")
+        if self.format != "tum" and (self.time_scale != 1.0 or self.delimiter != " "):
+            raise ValueError("'time_scale' and 'delimiter' are for the format 'tum' only")
+        if self.sort and self.format not in ("tum", "euroc"):
+            raise ValueError(f"the format '{self.format}' has no times to 'sort' by")
         return self
 
 

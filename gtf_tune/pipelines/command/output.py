@@ -37,7 +37,8 @@ def read_output(output: OutputDefinition, path: Path, names: tuple[str, ...], jo
 def _read(output: OutputDefinition, path: Path, rewritten: Path) -> Trajectory:
     if output.format == "colmap":
         return _largest_model(path)
-    if output.format == "tum" and (output.delimiter != " " or output.time_scale != 1.0 or output.sort):
+    changed = output.delimiter != " " or output.time_scale != 1.0 or output.sort
+    if changed and output.format in ("tum", "euroc"):
         _rewrite(output, path, rewritten)
         path = rewritten
     return read_trajectory(path, output.format)
@@ -53,13 +54,17 @@ def _largest_model(path: Path) -> Trajectory:
 
 
 def _rewrite(output: OutputDefinition, path: Path, rewritten: Path) -> None:
-    """Write the lines of a file as TUM has them, each on its own line unless sorted; a header becomes a comment."""
+    """Write the lines of a file as TUM has them, each on its own line unless sorted; a header becomes a comment.
+
+    Those of EuRoC are sorted and else stay as they are.
+    """
+    plain = output.format == "euroc"
     lines: list[tuple[float, str]] = []
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        time, *others = line.split("," if output.delimiter == "," else None) or [""]
+        time, *others = line.split("," if plain or output.delimiter == "," else None) or [""]
         try:
             scaled = float(time) * output.time_scale
-            lines.append((scaled, " ".join([repr(scaled), *(word.strip() for word in others)])))
+            lines.append((scaled, line if plain else " ".join([repr(scaled), *(word.strip() for word in others)])))
         except ValueError:
             lines.append((-math.inf, line if any(math.isfinite(one) for one, _ in lines) else f"# {line}"))
     if output.sort:

@@ -1,0 +1,54 @@
+"""What a program writes as its trajectory, beyond the usual forms: how it is read, and how it is refused."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from gtf_tune.errors import DefinitionError
+from gtf_tune.pipelines import PipelineOutput
+from gtf_tune.pipelines.analytic import imaginary_sequence
+from gtf_tune.pipelines.command import create
+from gtf_tune.sequence import Sequence
+from gtf_tune.testing import ContractCase, FolderStages
+
+PYTHON = [sys.executable, "-I", "-S"]
+WRITES = "import sys; open(sys.argv[1], 'w').write({text!r})"
+MAKES_A_FOLDER = "import os, sys; os.mkdir(sys.argv[1])"
+
+
+@pytest.fixture(scope="module")
+def frames() -> Sequence:
+    return imaginary_sequence(4)
+
+
+def run(code: str, frames: Sequence, folder: Path, **output: Any) -> PipelineOutput:
+    """Run a program of one line whose first argument is the place of the trajectory."""
+    (folder / "program.py").write_text(code)
+    pipeline = create({"arguments": [*PYTHON, str(folder / "program.py"), "{output}"], "output": output})
+    return ContractCase(pipeline, frames).run(folder / "run", FolderStages(folder / "stages"), {})
+
+
+def test_poses_in_eurocs_format_can_be_sorted(frames: Sequence, tmp_path: Path) -> None:
+    text = "#ns,p\n33333333,7,0,0,0.6,0,0,0.8\n0,5,0,0,1,0,0,0\n"
+
+    found = run(WRITES.format(text=text), frames, tmp_path, format="euroc", sort=True).trajectory
+
+    assert found.positions[:, 0].tolist() == [5, 7]
+    assert found.quaternions[1].tolist() == [0, 0, 0.8, 0.6]
+
+
+@pytest.mark.parametrize(
+    ("output", "fault"),
+    [
+        ({"format": "euroc", "time_scale": 1e-9}, "'time_scale' and 'delimiter' are for the format 'tum' only"),
+        ({"format": "kitti", "association": "row", "sort": True}, "'kitti' has no times to 'sort' by"),
+        ({"format": "colmap", "association": "name", "delimiter": ","}, "for the format 'tum' only"),
+    ],
+)
+def test_keys_that_a_format_does_not_heed_are_refused(
+    frames: Sequence, tmp_path: Path, output: dict[str, Any], fault: str
+) -> None:
+    with pytest.raises(DefinitionError, match=fault):
+        run(MAKES_A_FOLDER, frames, tmp_path, **output)
