@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from gtf_tune.errors import DefinitionError
+from gtf_tune.errors import DefinitionError, RunError
 from gtf_tune.pipelines import PipelineOutput
 from gtf_tune.pipelines.analytic import imaginary_sequence
 from gtf_tune.pipelines.command import create
@@ -52,3 +52,8 @@ def test_keys_that_a_format_does_not_heed_are_refused(
 ) -> None:
     with pytest.raises(DefinitionError, match=fault):
         run(MAKES_A_FOLDER, frames, tmp_path, **output)
+
+
+def test_a_trajectory_that_cannot_be_read_fails_the_run_only(frames: Sequence, tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="expected a readable trajectory file"):
+        run(MAKES_A_FOLDER, frames, tmp_path, sort=True)

@@ -11,6 +11,7 @@ from gtf_tune.errors import RunError, TrajectoryError
 from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.command.definition import OutputDefinition
 from gtf_tune.trajectory import IntArray, Trajectory, associate_by_timestamp, read_trajectory
+from gtf_tune.trajectory.text import read_binary
 
 _WHOLE = 0.05
 _MODEL_FILES = ("images.bin", "images.txt")
@@ -60,7 +61,7 @@ def _rewrite(output: OutputDefinition, path: Path, rewritten: Path) -> None:
     """
     plain = output.format == "euroc"
     lines: list[tuple[float, str]] = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+    for line in read_binary(path).decode("utf-8", errors="replace").splitlines():
         time, *others = line.split("," if plain or output.delimiter == "," else None) or [""]
         try:
             scaled = float(time) * output.time_scale
