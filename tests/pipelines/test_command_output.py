@@ -39,6 +39,14 @@ def test_poses_in_eurocs_format_can_be_sorted(frames: Sequence, tmp_path: Path) 
     assert found.quaternions[1].tolist() == [0, 0, 0.8, 0.6]
 
 
+def test_a_byte_order_mark_costs_no_pose(frames: Sequence, tmp_path: Path) -> None:
+    text = "\ufeff0,5,0,0,0,0,0,1\n33333333,7,0,0,0,0,0,1\n"
+
+    found = run(WRITES.format(text=text), frames, tmp_path, delimiter=",", time_scale=1e-9).trajectory
+
+    assert found.positions[:, 0].tolist() == [5, 7]
+
+
 @pytest.mark.parametrize(
     ("output", "fault"),
     [

@@ -61,7 +61,7 @@ def _rewrite(output: OutputDefinition, path: Path, rewritten: Path) -> None:
     """
     plain = output.format == "euroc"
     lines: list[tuple[float, str]] = []
-    for line in read_binary(path).decode("utf-8", errors="replace").splitlines():
+    for line in read_binary(path).decode("utf-8-sig", errors="replace").splitlines():
         time, *others = line.split("," if plain or output.delimiter == "," else None) or [""]
         try:
             scaled = float(time) * output.time_scale
