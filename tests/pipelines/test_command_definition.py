@@ -1,5 +1,7 @@
 """Definitions of commands are checked whole, and identify exactly what results depend on."""
 
+import errno
+import hashlib
 import re
 import sys
 from collections.abc import Mapping
@@ -230,6 +232,21 @@ def test_the_version_is_that_of_the_program_and_not_of_its_launcher_only(tmp_pat
         versions.add(create({**tables, "launcher": ["env", "A=1"], "solver": str(program)}).version)
 
     assert len(versions) == 2
+
+
+def test_a_program_that_may_be_run_but_not_read_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = tmp_path / "solver"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o711)
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(hashlib, "file_digest", refuse)
+
+    assert re.search(r"solver cannot be read \(Permission denied\)", faults({"arguments": [str(program)]}))
 
 
 def test_groups_without_a_value_are_left_out_and_lists_spread() -> None:
