@@ -52,6 +52,7 @@ def faults(settings: Mapping[str, object]) -> str:
         ({"arguments": [*PROGRAM, "{options}"], "options": {"x": {"default": "a", "choices": ["b"]}}}, "its choices"),
         ({"arguments": [*PROGRAM, "{options}"], "options": {"x": {"default": 1, "choices": ["1"]}}}, "texts only"),
         ({"arguments": PROGRAM, "output": {"path": "../x"}}, "must lie inside the workspace"),
+        ({"arguments": PROGRAM, "environment": {"A=B": "1"}}, "no variable can be called 'A=B'"),
         ({"arguments": PROGRAM, "files": [{"path": "/etc/x"}]}, "must lie inside the workspace"),
         ({"arguments": PROGRAM, "images": {"name": "{index}.jpg"}}, r"must end in \.pgm or \.png"),
         ({"arguments": PROGRAM, "output": {"format": "colmap"}}, "associated by 'name'"),

@@ -142,6 +142,11 @@ def test_a_program_that_cannot_start_is_an_error_with_its_reason(tmp_path: Path)
         run_program(["/no/such/program"], tmp_path, {}, tmp_path / "report.json")
 
 
+def test_a_program_without_its_folder_is_an_error_with_its_reason(tmp_path: Path) -> None:
+    with pytest.raises(RunError, match=r"there is no folder .*nowhere to start it in; see 'working_folder'"):
+        run_program([sys.executable], tmp_path / "nowhere", {}, tmp_path / "report.json")
+
+
 def test_own_variables_are_withheld_and_others_passed_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("GTF_TUNE_STORAGE", "postgresql://user:secret@host/db")
     monkeypatch.setenv("KEPT", "1")

@@ -50,6 +50,9 @@ def _faults(definition: CommandDefinition) -> Iterator[str]:
     yield from _step_faults(definition)
     yield from _parameter_faults(definition)
     yield from _path_faults(definition)
+    for variable in definition.environment:
+        if not variable or "=" in variable or "\0" in variable:
+            yield f"environment: no variable can be called {variable!r}"
     try:
         re.compile(definition.version_pattern)
     except re.error as error:

@@ -48,8 +48,10 @@ def run_program(
     Raises
     ------
     RunError
-        The program cannot be started, or its supervisor was killed.
+        The program or its folder cannot be used, or its supervisor was killed.
     """
+    if not (folder.is_dir() and os.access(folder, os.X_OK)):
+        raise RunError(f"cannot start {arguments[0]}: there is no folder {folder} to start it in; see 'working_folder'")
     started = time.perf_counter()
     inherited = {name: value for name, value in os.environ.items() if not name.startswith(_OWN_VARIABLES)}
     sys.stdout.flush()
