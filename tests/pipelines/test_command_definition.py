@@ -45,6 +45,11 @@ def faults(settings: Mapping[str, object]) -> str:
         ({"arguments": [*PROGRAM, "{option:x}"]}, "'{option:x}' names no option"),
         ({"arguments": [*PROGRAM, "{settings_file}"]}, "names no settings file"),
         ({"arguments": [*PROGRAM, "{file:a}"]}, "names no file"),
+        ({"arguments": PROGRAM, "option_arguments": ["--{nam}"]}, "option_arguments: unknown placeholder '{nam}'"),
+        (
+            {"arguments": [*PROGRAM, "{options}"], "options": {"x": {"default": 1, "arguments": ["{valu}"]}}},
+            "option 'x': unknown placeholder '{valu}'",
+        ),
         ({"arguments": PROGRAM, "options": {"x": {"default": 1}}}, "option 'x' reaches no program"),
         ({"arguments": PROGRAM, "options": {"x": {"default": 1, "key": "a"}}}, "belongs to no settings file"),
         ({"arguments": [*PROGRAM, "{options}"], "options": {"x": {"default": 1, "step": "a"}}}, "no step 'a'"),

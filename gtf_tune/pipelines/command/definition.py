@@ -41,6 +41,8 @@ RUN_FIELDS = CAMERA_FIELDS | {
 FRAME_FIELDS = frozenset({"index", "frame_id", "name", "timestamp_s", "timestamp_ns"})
 """Placeholders that each frame has besides."""
 
+OPTION_FIELDS = frozenset({"name", "value"})
+"""Placeholders that the words of an option have besides."""
 
 TIME_FIELDS = frozenset({"timestamps", "fps", "timestamp_s", "timestamp_ns"})
 """Placeholders that stand for times of frames."""
@@ -228,6 +230,15 @@ def templates_of(definition: CommandDefinition) -> Iterator[tuple[str, str, froz
     yield "images.name", definition.images.name, FRAME_FIELDS - {"name"}
     for word in definition.version_command:
         yield "version_command", word, none
+
+
+def option_templates_of(definition: CommandDefinition) -> Iterator[tuple[str, str, frozenset[str]]]:
+    """Yield the templates of the words that options become, in the form of `templates_of`."""
+    for word in definition.option_arguments:
+        yield "option_arguments", word, OPTION_FIELDS
+    for name, option in definition.options.items():
+        for word in (*(option.arguments or ()), *option.arguments_if_false):
+            yield f"option '{name}'", word, OPTION_FIELDS
 
 
 def words_of(arguments: Arguments) -> Iterator[str]:

@@ -13,6 +13,7 @@ from gtf_tune.pipelines.command.definition import (
     RUN_FIELDS,
     CommandDefinition,
     OptionDefinition,
+    option_templates_of,
     templates_of,
     words_of,
 )
@@ -100,7 +101,7 @@ def _path_faults(definition: CommandDefinition) -> Iterator[str]:
 
 def _template_faults(definition: CommandDefinition) -> Iterator[str]:
     known = RUN_FIELDS | set(definition.parameters)
-    for place, template, extra in templates_of(definition):
+    for place, template, extra in (*templates_of(definition), *option_templates_of(definition)):
         try:
             fields = fields_of(template)
         except DefinitionError as error:
