@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gtf_tune.errors import DefinitionError, OptionError
+from gtf_tune.errors import DefinitionError, OptionError, RunError
 from gtf_tune.pipelines.command import create
 from gtf_tune.pipelines.command.camera import opencv_camera
 from gtf_tune.pipelines.command.templates import fields_of, filled, filled_arguments
@@ -39,6 +39,7 @@ def faults(settings: Mapping[str, object]) -> str:
         ({"arguments": ["no-such-program-here"]}, "no program 'no-such-program-here'"),
         ({"arguments": [["{camera_fx}"]]}, "must start with a program"),
         ({"arguments": [*PROGRAM, "{imges}"]}, "unknown placeholder '{imges}'"),
+        ({"arguments": [*PROGRAM, "{seed:zz}"]}, "'{seed:zz}' has no format"),
         ({"arguments": [*PROGRAM, "{images"]}, "is no template"),
         ({"arguments": [*PROGRAM, "{images.__class__}"]}, "which is no name"),
         ({"arguments": [*PROGRAM, "{images[0]}"]}, "which is no name"),
@@ -261,6 +262,11 @@ def test_groups_without_a_value_are_left_out_and_lists_spread() -> None:
     words = filled_arguments(arguments, {"launcher": ("x", "-y"), "n": 1.5}, ("no", "yes"))
 
     assert words == ["x", "-y", "a", "--n", "1.5"]
+
+
+def test_a_format_that_does_not_fit_is_a_reason() -> None:
+    with pytest.raises(RunError, match=r"the format '\.3f' does not fit 'a'; mend the placeholder"):
+        filled("{seed:.3f}", {"seed": "a"})
 
 
 def test_values_are_written_exactly() -> None:

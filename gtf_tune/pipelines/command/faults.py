@@ -17,7 +17,7 @@ from gtf_tune.pipelines.command.definition import (
     templates_of,
     words_of,
 )
-from gtf_tune.pipelines.command.templates import fields_of
+from gtf_tune.pipelines.command.templates import NAMED, fields_of, is_format
 
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _STEP_NAME = re.compile(r"[A-Za-z0-9_-]{1,60}")
@@ -117,6 +117,8 @@ def _template_faults(definition: CommandDefinition) -> Iterator[str]:
                 yield f"{place}: '{shown}' names no file of the definition"
             elif name == "settings_file" and not _has_settings_file(definition, detail):
                 yield f"{place}: '{shown}' names no settings file of the definition"
+            elif name not in NAMED and not is_format(detail):
+                yield f"{place}: '{shown}' has no format that numbers or texts can be written in"
 
 
 def _has_settings_file(definition: CommandDefinition, name: str) -> bool:

@@ -1,5 +1,6 @@
 """Fill the placeholders of a command, a file or a setting; nothing in a template is evaluated."""
 
+import contextlib
 import string
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,7 +11,8 @@ Value = bool | int | float | str | Path | tuple[str, ...]
 """What a placeholder can stand for; a tuple becomes several arguments."""
 
 _FORMATTER = string.Formatter()
-_NAMED = ("option", "settings_file", "file")
+NAMED = ("option", "settings_file", "file")
+"""Placeholders after whose colon stands a name instead of a format."""
 
 
 class NoValueError(RunError):
@@ -52,7 +54,7 @@ def filled(template: str, values: Mapping[str, Value], boolean_words: Sequence[s
         text += literal
         if name is None:
             continue
-        key, form = (f"{name}:{detail}", "") if name in _NAMED and detail else (name, detail or "")
+        key, form = (f"{name}:{detail}", "") if name in NAMED and detail else (name, detail or "")
         text += _formatted(value_of(key, values), form, boolean_words)
     return text
 
@@ -77,6 +79,15 @@ def filled_arguments(
         except NoValueError:
             continue
     return words
+
+
+def is_format(form: str) -> bool:
+    """Tell whether a whole number, a fraction or a text can be written in a format."""
+    for value in (1, 1.0, "1"):
+        with contextlib.suppress(TypeError, ValueError):
+            format(value, form)
+            return True
+    return False
 
 
 def value_of(key: str, values: Mapping[str, Value]) -> Value:
@@ -110,5 +121,8 @@ def _formatted(value: Value, form: str, boolean_words: Sequence[str]) -> str:
     if isinstance(value, float) and form == "d":
         return str(round(value))
     if form:
-        return format(value, form)
+        try:
+            return format(value, form)
+        except (TypeError, ValueError) as error:
+            raise RunError(f"the format '{form}' does not fit {value!r}; mend the placeholder") from error
     return repr(value) if isinstance(value, float) else str(value)
