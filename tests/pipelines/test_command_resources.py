@@ -131,6 +131,21 @@ def test_one_program_may_read_settings_files_of_every_format(frames: Sequence, t
     assert [(tmp_path / name).read_text() for name in FILES] == [before for before, _ in FILES.values()]
 
 
+@pytest.mark.parametrize(("words", "after"), [(("no", "yes"), "no"), (("0", "1"), "0"), (("false", "true"), "false")])
+def test_an_ini_file_has_booleans_in_the_words_of_the_program(
+    frames: Sequence, tmp_path: Path, words: tuple[str, str], after: str
+) -> None:
+    (tmp_path / "solver.ini").write_text(f"[loop]\nclosing = {words[1]}\n")
+    settings: dict[str, object] = {
+        "words": ["{settings_file}"],
+        "settings_files": [{"template": str(tmp_path / "solver.ini")}],
+        "boolean_words": words,
+        "options": {"loops": {"default": True, "key": "loop.closing"}},
+    }
+
+    assert seen_by(READS_FILES, frames, tmp_path, settings, loops=False) == [f"[loop]\nclosing = {after}\n"]
+
+
 READS_WORDS = f"""
 import json, sys
 words = dict(zip(sys.argv[3::2], sys.argv[4::2]))

@@ -38,7 +38,7 @@ def with_file_defaults(
         faults += [f"{template.path}: {fault}" for fault in missing]
         for name, option in mine.items():
             try:
-                default = _default(name, option, present)
+                default = _default(name, option, present, definition.boolean_words)
             except OptionError as error:
                 faults.append(f"{template.path}: {error}")
             else:
@@ -52,9 +52,13 @@ def _template(file: SettingsFileDefinition, parameters: Mapping[str, Value]) -> 
     return _Template(path, form, path.read_text(encoding="utf-8", errors="surrogateescape"))
 
 
-def _default(name: str, option: OptionDefinition, present: Mapping[str, SettingValue]) -> OptionValue:
+def _default(
+    name: str, option: OptionDefinition, present: Mapping[str, SettingValue], boolean_words: tuple[str, str]
+) -> OptionValue:
     value = present.get(option.key, option.default)
     if isinstance(option.default, bool) and value in (0, 1):
         value = bool(value)
+    elif isinstance(option.default, bool) and value in boolean_words:
+        value = value == boolean_words[1]
     spec = OptionSpec(name, option.default, "", option.choices, "", option.low, option.high)
     return OptionTable("command", {name: spec}).check_one(name, value)

@@ -179,6 +179,7 @@ def _write_settings_files(
 ) -> None:
     for file in definition.settings_files:
         template = Path(filled(file.template, values))
+        form = file.format or format_of(template)
         wanted: dict[str, Scalar] = {}
         for key, setting in file.values.items():
             try:
@@ -188,12 +189,14 @@ def _write_settings_files(
         for name, option in definition.options.items():
             passed = definition.options_passed == "all" or options[name] != option.default
             if option.key and passed and option.file in ("", file.name):
-                wanted[option.key] = options[name]
+                value = options[name]
+                spelt = form == "ini" and isinstance(value, bool)
+                wanted[option.key] = definition.boolean_words[int(value)] if spelt else value
         path = Path(str(values[f"settings_file:{file.name}"]))
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             text = template.read_bytes().decode("utf-8", "surrogateescape")  # with its own ends of lines
-            edited = write_values(text, file.format or format_of(template), wanted, file.add_missing)
+            edited = write_values(text, form, wanted, file.add_missing)
         except (OSError, DefinitionError) as error:
             raise RunError(f"{template} cannot be used as settings file: {error}") from error
         path.write_bytes(edited.encode("utf-8", "surrogateescape"))
