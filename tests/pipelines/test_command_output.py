@@ -65,3 +65,14 @@ def test_keys_that_a_format_does_not_heed_are_refused(
 def test_a_trajectory_that_cannot_be_read_fails_the_run_only(frames: Sequence, tmp_path: Path) -> None:
     with pytest.raises(RunError, match="expected a readable trajectory file"):
         run(MAKES_A_FOLDER, frames, tmp_path, sort=True)
+
+
+@pytest.mark.parametrize("sort", [False, True])
+def test_a_reason_names_the_file_as_the_definition_does(frames: Sequence, tmp_path: Path, sort: bool) -> None:
+    with pytest.raises(RunError, match=r"cannot be used: poses\.txt, line 1: expected 8 numbers"):
+        run(WRITES.format(text="0 1 2\n"), frames, tmp_path, path="poses.txt", sort=sort)
+
+
+def test_poses_without_images_point_to_the_keys_that_match_them(frames: Sequence, tmp_path: Path) -> None:
+    with pytest.raises(RunError, match=r"3333333\.000000 s; see 'time_scale' and 'max_difference_s'"):
+        run(WRITES.format(text="3333333 0 0 0 0 0 0 1\n"), frames, tmp_path)

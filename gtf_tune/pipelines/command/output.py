@@ -27,12 +27,15 @@ def read_output(output: OutputDefinition, path: Path, names: tuple[str, ...], jo
     """
     if not path.exists():
         raise RunError(f"the program ended well but wrote no trajectory; it should be {path.name}")
+    rewritten = job.workspace / "trajectory.txt"
     try:
-        found = _read(output, path, job.workspace / "trajectory.txt")
+        found = _read(output, path, rewritten)
         positions = _ASSOCIATIONS[output.association](found, names, job, output)
         return _of_frames(found, positions, output, job)
     except TrajectoryError as error:
-        raise RunError(f"the program's trajectory cannot be used: {error}") from error
+        # Its folder is gone after the run, and has another name in each.
+        reason = str(error).replace(str(rewritten), output.path).replace(str(path), output.path)
+        raise RunError(f"the program's trajectory cannot be used: {reason}") from error
 
 
 def _read(output: OutputDefinition, path: Path, rewritten: Path) -> Trajectory:
@@ -96,7 +99,7 @@ def _by_timestamp(found: Trajectory, names: tuple[str, ...], job: PipelineJob, o
         strange = np.setdiff1d(np.arange(len(found)), matched)
         raise TrajectoryError(
             f"{len(strange)} of its {len(found)} poses belong to no image within {output.max_difference_s:g} s, "
-            f"the first at {found.timestamps[strange[0]]:.6f} s"
+            f"the first at {found.timestamps[strange[0]]:.6f} s; see 'time_scale' and 'max_difference_s'"
         )
     return positions
 
