@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from gtf_tune.cli.console import duration, percent, say, stderr
+from gtf_tune.cli.console import chosen_noise, duration, percent, say, stderr, tried_noise
 
 if TYPE_CHECKING:
     from gtf_tune.pipelines import OptionValue
@@ -86,6 +86,19 @@ class StudyProgress:
             self._progress.advance(self._runs)
             note = "reused" if reused else f"{run.wall_s:.1f} s"
             self._progress.update(self._runs, note=f"{slot.kind} {slot.index} on {slot.sequence}: {run.error or note}")
+
+    def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
+        """Take note of runs by which the noise is chosen."""
+        with self._lock:
+            self._planned += planned_runs
+            self._progress.update(self._runs, total=self._planned)
+            if self._progress.disable:
+                say(tried_noise(sequence, sigma, planned_runs))
+
+    def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
+        """Say which noise was chosen."""
+        with self._lock:
+            self._progress.console.print(chosen_noise(sequence, sigma, reason), markup=False, highlight=False)
 
     def trial_finished(self, end: "TrialEnd") -> None:
         """Take note of a trial that is complete and stored."""

@@ -5,7 +5,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.console import number, percent, say, write_json, write_line, write_table
+from gtf_tune.cli.console import (
+    chosen_noise,
+    number,
+    percent,
+    say,
+    tried_noise,
+    write_json,
+    write_line,
+    write_table,
+)
 from gtf_tune.cli.executors import cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
@@ -78,6 +87,14 @@ class _Lines:
         """Print one line."""
         note = run.error or ("reused" if reused else f"{run.wall_s:.1f} s")
         say(f"{slot.kind} run {slot.index} on {slot.sequence}: {note}")
+
+    def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
+        """Say which noise is tried."""
+        say(tried_noise(sequence, sigma, planned_runs))
+
+    def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
+        """Say which noise was chosen."""
+        say(chosen_noise(sequence, sigma, reason))
 
 
 def _write(found: "Confirmation", score: str) -> None:

@@ -182,7 +182,7 @@ def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list[
             "study": f"{definition.name} ({study.state}, {finished} trials done)",
             "pipeline": definition.pipeline.name,
             "sequences": ", ".join(one.name for one in definition.sequences),
-            "runs a trial": f"{gtf.clean_runs} clean, {gtf.noisy_runs_text} noisy at {noise} grey levels",
+            "runs a trial": f"{gtf.clean_runs} clean, {gtf.noisy_runs_text} noisy {noise}",
             "score": gtf.score_text,
             "sampler": f"{definition.search.sampler}, seed {definition.search.seed}",
             "runs": f"{cost.made} made in {duration(cost.made_s)}, {cost.reused} reused, {cost.failed} failed",
@@ -193,12 +193,12 @@ def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list[
 
 
 def _noise(definition: "StudyDefinition", study: "Study") -> str:
-    """Return the noise of the search, of each sequence where it was measured and differs; "auto" until then."""
+    """Return in words the noise of the search, of each sequence where it was measured and differs."""
     known = study.resolved["noise_sigma"]
     found = {one.name: known[one.name] for one in definition.searched_sequences if one.name in known}
     if len(set(found.values())) > 1:
-        return ", ".join(f"{sigma:g} ({name})" for name, sigma in found.items())
-    return next((f"{sigma:g}" for sigma in found.values()), str(definition.gtf.noise_sigma))
+        return f"at {', '.join(f'{sigma:g} ({name})' for name, sigma in found.items())} grey levels"
+    return next((f"at {sigma:g} grey levels" for sigma in found.values()), "(the noise is measured first)")
 
 
 def _spared(definition: "StudyDefinition", efforts: list["Effort"]) -> str:

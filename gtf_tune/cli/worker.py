@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import say
+from gtf_tune.cli.console import chosen_noise, say, tried_noise
 from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage
 from gtf_tune.cli.storage_access import hush_optuna, storage_flag, wait_for_storage
@@ -124,6 +124,14 @@ class _Lines:
         """Say which run failed, and why."""
         if run.error and not reused:
             say(f"{self._name}: {slot.kind} run {slot.index} on {slot.sequence} failed: {run.error}")
+
+    def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
+        """Say which noise is tried."""
+        say(f"{self._name}: {tried_noise(sequence, sigma, planned_runs)}")
+
+    def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
+        """Say which noise was chosen."""
+        say(f"{self._name}: {chosen_noise(sequence, sigma, reason)}")
 
     def trial_finished(self, end: "TrialEnd") -> None:
         """Say how a trial ended."""

@@ -33,7 +33,7 @@ class GtfDefinition(Section):
 
     clean_runs: int = Field(default=2, ge=1)
     noisy_runs: int | NoisyRuns = 6
-    noise_sigma: float | Literal["auto"] = 5.0
+    noise_sigma: float | Literal["auto"] = "auto"
     metric: Literal["ate", "rpe_translation", "rpe_rotation"] = "ate"
     alignment: Literal["sim3", "se3", "none"] = "sim3"
     aggregate: Literal["mean", "median", "gmean", "trimmed"] = "median"

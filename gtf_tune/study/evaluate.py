@@ -12,6 +12,7 @@ from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.study.coverage import least_floor
 from gtf_tune.study.evaluation import run_limits
+from gtf_tune.study.noise import NoiseProbe, fresh_runs
 from gtf_tune.study.objective import FinishedRun, SequenceScore, score_sequence
 from gtf_tune.study.plan import RunPlanner, run_order
 from gtf_tune.study.seeds import SeedSource
@@ -66,12 +67,14 @@ def evaluate_setting(
     A setting is infeasible here only if fewer than four frames are registered: there is no nominal run to compare with.
     """
     gtf = setting.gtf
-    if isinstance(gtf.noise_sigma, str):
-        raise TypeError("the noise of one evaluation is a number; 'auto' belongs to studies")
     planner = RunPlanner(setting.pipeline, gtf, SeedSource(setting.seed), {})
     limits = run_limits(setting.limits)
     order = run_order(gtf.clean_runs, gtf.noisy_runs_max)
     sigma = gtf.noise_sigma
+    if isinstance(sigma, str):
+        probe = NoiseProbe(setting.pipeline, setting.options, gtf, setting.seed, whole=False)
+        sigma, reason = probe.choose(sequence, fresh_runs(executor, limits))
+        on_run(f"noise of {sequence.name}: {sigma:g} grey levels ({reason})")
     futures = {
         run: executor.submit(planner.request(sequence, setting.options, run, sigma=sigma, ordinal=0), limits)
         for run in order

@@ -37,6 +37,14 @@ class RunListener(Protocol):
         """Take note of a run that is now stored."""
         ...
 
+    def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
+        """Take note that runs with this noise (grey levels) begin, by which the noise of a study is chosen."""
+        ...
+
+    def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
+        """Take note of the noise (grey levels) that a study takes for a sequence from now on."""
+        ...
+
 
 @dataclass(frozen=True)
 class RunSource:

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store.runs import StoredRun
-from gtf_tune.study.evaluation import RunSlot
+from gtf_tune.study.evaluation import RunListener, RunSlot
 from gtf_tune.study.objective import TrialScore
 
 
@@ -21,15 +21,11 @@ class TrialEnd:
     stopped: str = ""
 
 
-class StudyListener(Protocol):
+class StudyListener(RunListener, Protocol):
     """Hear of trials and runs; called from the thread that works on the trial."""
 
     def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
         """Take note of a trial whose options are chosen."""
-        ...
-
-    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
-        """Take note of a run that is now stored."""
         ...
 
     def trial_finished(self, end: TrialEnd) -> None:
@@ -44,6 +40,12 @@ class Silent:
         """Do nothing."""
 
     def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
+        """Do nothing."""
+
+    def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
+        """Do nothing."""
+
+    def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
         """Do nothing."""
 
     def trial_finished(self, end: TrialEnd) -> None:
@@ -65,6 +67,16 @@ class Several:
         """Pass it on."""
         for listener in self.listeners:
             listener.run_finished(slot, run, reused=reused)
+
+    def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
+        """Pass it on."""
+        for listener in self.listeners:
+            listener.noise_started(sequence, sigma, planned_runs)
+
+    def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
+        """Pass it on."""
+        for listener in self.listeners:
+            listener.noise_chosen(sequence, sigma, reason)
 
     def trial_finished(self, end: TrialEnd) -> None:
         """Pass it on."""

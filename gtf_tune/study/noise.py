@@ -17,7 +17,7 @@ from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.store import studies
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.study.evaluation import RunSlot, RunSource
-from gtf_tune.study.noise_scale import LADDER, NoiseLevel, NoiseScale, noise_scale
+from gtf_tune.study.noise_scale import LADDER, NoiseLevel, NoiseScale, is_open, noise_scale
 from gtf_tune.study.objective import FinishedRun, settings_of
 from gtf_tune.study.opened import OpenStudy
 from gtf_tune.study.plan import RunPlanner
@@ -35,7 +35,8 @@ ObtainRuns = Callable[[Mapping[RunSlot, RunRequest]], Mapping[RunSlot, FinishedR
 class NoiseProbe:
     """Hold what is measured: nominal options (and fixed ones) of a pipeline, ``runs`` noisy runs on each level.
 
-    All levels see the same noise patterns, scaled, so that their scores differ by sigma only.
+    All levels see the same noise patterns, scaled, so that their scores differ by sigma only. Unless ``whole``, the
+    ladder ends where stronger noise cannot change the recommendation.
     """
 
     pipeline: Pipeline
@@ -44,6 +45,7 @@ class NoiseProbe:
     seed: int = 0
     runs: int = DEFAULT_RUNS
     ladder: tuple[float, ...] = LADDER
+    whole: bool = True
 
     def measure(
         self,
@@ -70,9 +72,20 @@ class NoiseProbe:
             noisy = obtain(self._requests(sequence, [("noisy", index) for index in range(self.runs)], sigma))
             levels.append(self._level(sigma, clean, [one.trajectory for one in noisy.values()], len(sequence)))
             on_level(levels[-1])
-            if levels[-1].failed:
+            if levels[-1].failed or not (self.whole or is_open(floor, levels)):
                 break
         return noise_scale(floor, levels)
+
+    def choose(self, sequence: ImageSequence, obtain: ObtainRuns) -> tuple[float, str]:
+        """Return the recommended sigma and the reason for it.
+
+        It is the weakest of the ladder where these options fail, or every noise breaks runs: others may still work.
+        """
+        try:
+            scale = self.measure(sequence, obtain)
+        except TrajectoryError as error:
+            return min(self.ladder), str(error)
+        return scale.recommended, scale.reason
 
     def _requests(
         self, sequence: ImageSequence, runs: Sequence[tuple[RunKind, int]], sigma: float
@@ -120,6 +133,8 @@ def stored_runs(source: RunSource) -> ObtainRuns:
     """Return a way to obtain runs that reuses and stores them."""
 
     def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, FinishedRun]:
+        slot, request = next(iter(requests.items()))
+        source.listener.noise_started(slot.sequence, request.noise_sigma, len(requests))
         obtained = source.obtain(requests)
         found = trajectories(source.database, [one.run.key for one in obtained.values()])
         return {slot: FinishedRun(found[one.run.key], one.run.error) for slot, one in obtained.items()}
@@ -160,6 +175,9 @@ def with_noise(study: OpenStudy, sequences: Mapping[str, ImageSequence], source:
     stored = studies.get(study.database, study.definition.name).resolved["noise_sigma"]
     missing = {name: sequence for name, sequence in sequences.items() if name not in stored}
     definition = study.definition
-    probe = NoiseProbe(study.pipeline, definition.pipeline.options, definition.gtf, definition.search.seed)
-    measured = {name: probe.measure(sequence, stored_runs(source)).recommended for name, sequence in missing.items()}
+    probe = NoiseProbe(study.pipeline, definition.pipeline.options, definition.gtf, definition.search.seed, whole=False)
+    measured = {}
+    for name, sequence in missing.items():
+        measured[name], reason = probe.choose(sequence, stored_runs(source))
+        source.listener.noise_chosen(name, measured[name], reason)
     return replace(study, sigmas=studies.resolve_noise(study.database, study.record.id, measured))

@@ -117,6 +117,12 @@ def noise_scale(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseScale:
     )
 
 
+def is_open(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> bool:
+    """Tell whether stronger noise may change the recommendation: the linear range has not begun or not ended."""
+    linear = _linear_range(levels, [_response(one, floor) for one in levels])
+    return not any(linear) or linear[-1]
+
+
 def _signal(level: NoiseLevel, floor: NoiseLevel) -> float:
     """Return the part of the score that noise causes, NaN where it does not show."""
     base = floor.score if math.isfinite(floor.score) else 0.0

@@ -115,13 +115,13 @@ def test_scores_and_true_errors_carry_the_units_that_the_definition_asks_for(cli
 
 
 def test_show_gives_the_noise_that_auto_has_measured(cli: Cli, room: Path) -> None:
-    cli(*CREATE, *AXIS, "--noise-sigma", "auto")
+    cli(*CREATE, *AXIS)
 
     before = cli("study", "show", "small").out
     cli("study", "run", "small", "--jobs", "1")
     after = cli("study", "show", "small").out
 
-    assert "noisy at auto grey levels" in before
+    assert "noisy (the noise is measured first)" in before
     assert re.search(r"noisy at [0-9.]+ grey levels", after)
 
 

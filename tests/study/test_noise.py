@@ -1,4 +1,5 @@
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,15 +11,18 @@ from gtf_tune.execution import InlineExecutor, RunLimits
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.pipelines.analytic import imaginary_sequence
 from gtf_tune.pipelines.run import RunRequest
-from gtf_tune.store import studies
+from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.study.confirm import confirm, plan_confirmation
-from gtf_tune.study.create import open_study
+from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.evaluate import Setting, evaluate_setting
 from gtf_tune.study.evaluation import RunSlot, RunSource
 from gtf_tune.study.events import Silent
-from gtf_tune.study.noise import NoiseProbe, fresh_runs
+from gtf_tune.study.noise import DEFAULT_RUNS, NoiseProbe, fresh_runs
+from gtf_tune.study.noise_scale import LADDER
 from gtf_tune.study.objective import FinishedRun
 from gtf_tune.study.stop import StopRequest
+from gtf_tune.study.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of, write_sequence
 
 LIMITS = RunLimits(60, 2**30)
@@ -69,6 +73,69 @@ def test_auto_noise_is_measured_once_and_stored_with_the_study(
     assert open_study(database, "small").sigmas == {"room": sigma}
     assert again.executed == []
     assert studies.get(database, "again").resolved["noise_sigma"]["room"] == sigma
+
+
+def test_a_study_climbs_the_ladder_until_the_response_is_no_longer_linear() -> None:
+    executor = InlineExecutor()
+    fresh = fresh_runs(executor, LIMITS)
+
+    def jumping(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, FinishedRun]:
+        """Let noise above 2 grey levels count five times."""
+        return fresh(
+            {
+                slot: replace(one, noise_sigma=one.noise_sigma * (5 if one.noise_sigma > 2 else 1))
+                for slot, one in requests.items()
+            }
+        )
+
+    probe = NoiseProbe(create_pipeline("analytic", STEADY), {}, GtfDefinition(), runs=6, whole=False)
+    sigma, reason = probe.choose(imaginary_sequence(40), jumping)
+
+    assert sigma <= 2
+    assert "linear range" in reason
+    assert {run.noise_sigma for run in executor.executed if run.kind == "noisy"} == {0.5, 1.0, 2.0, 15.0}
+
+
+def test_a_study_whose_nominal_setting_fails_takes_the_weakest_noise_and_goes_on(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    broken = {"failure": "error", "failure_rate": 1.0}
+
+    run_study(definition_of(room, **{**AUTO, "pipeline": {"settings": broken}}))
+
+    assert studies.get(database, "small").resolved["noise_sigma"] == {"room": LADDER[0]}
+    assert [one.feasible for one in trials.of_study(database, studies.get(database, "small").id)] == [False, False]
+
+
+def test_the_choice_of_a_noise_is_told_as_it_goes(room: Path, database: Database) -> None:
+    heard: list[tuple[float, int]] = []
+
+    class Listener(Silent):
+        def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
+            heard.append((sigma, planned_runs))
+
+        def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
+            heard.append((sigma, -1))
+
+    create_study(database, checked_definition(definition_of(room, **AUTO), "small"), room.parent)
+    StudyWorker(open_study(database, "small"), InlineExecutor(), listener=Listener()).work()
+
+    assert heard[:3] == [(0.0, 2 + DEFAULT_RUNS), (0.5, DEFAULT_RUNS), (1.0, DEFAULT_RUNS)]
+    assert heard[-1] == (open_study(database, "small").sigmas["room"], -1)
+
+
+def test_a_setting_can_be_scored_alone_with_a_noise_that_is_measured() -> None:
+    executor = InlineExecutor()
+    gtf = GtfDefinition(clean_runs=1, noisy_runs=3)
+    said: list[str] = []
+
+    found = evaluate_setting(
+        Setting(create_pipeline("analytic", STEADY), {}, gtf), imaginary_sequence(20), executor, said.append
+    )
+
+    scored = [run.noise_sigma for run in executor.executed if run.kind == "noisy"][-3:]
+    assert found.score.feasible
+    assert set(scored) == {float(said[0].split()[3])}
 
 
 def test_the_first_stored_noise_decides(room: Path, database: Database, run_study: Runner) -> None:

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.study.noise_scale import NoiseLevel, noise_scale
+from gtf_tune.study.noise_scale import NoiseLevel, is_open, noise_scale
 
 SIGMAS = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
 
@@ -94,3 +94,14 @@ def test_noise_that_never_shows_is_recommended_at_its_strongest() -> None:
 def test_a_ladder_that_breaks_on_its_first_step_recommends_nothing() -> None:
     with pytest.raises(TrajectoryError, match="no level of noise leaves every run intact"):
         noise_scale(level(0.0, 1e-4), [level(0.5, math.nan, failed=4)])
+
+
+def test_stronger_noise_is_tried_until_the_linear_range_has_ended() -> None:
+    floor = level(0.0, 1e-4)
+    linear, jump = [level(1.0, 1e-3), level(2.0, 2e-3)], level(3.0, 9e-3)
+
+    assert is_open(floor, [level(0.5, 1e-4)])
+    assert is_open(floor, linear)
+    assert not is_open(floor, [*linear, jump])
+    assert not is_open(floor, [*linear, level(3.0, 3e-3, collapsed=1)])
+    assert noise_scale(floor, [*linear, jump]).recommended == noise_scale(floor, linear).recommended
