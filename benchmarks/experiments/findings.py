@@ -48,16 +48,6 @@ def share_of_oracle(outcomes: Sequence[Outcome], predictor: str = AGGREGATE) -> 
     return _mean_share(worth, [one.agreement(chosen).pick for one in worth]), len(worth)
 
 
-def share_by_noise(usual: Sequence[Outcome], weaker: Sequence[Outcome]) -> tuple[float, float, int]:
-    """Return `share_of_oracle` under usual and under weaker noise over the grids that have both, and their number."""
-    before = {_grid(one): one for one in usual}
-    both = [(before.get(_grid(one)), one) for one in weaker]
-    pairs = [(one, other) for one, other in both if one is not None and one.change(one.oracle) < -WORTH_FINDING]
-    under_usual, count = share_of_oracle([one for one, _ in pairs])
-    under_weaker, _ = share_of_oracle([other for _, other in pairs])
-    return under_usual, under_weaker, count
-
-
 def share_of_verdicts(outcomes: Sequence[Outcome]) -> tuple[float, int]:
     """Return the same for what confirmations adopted, nominal where they kept it, over confirmed grids."""
     worth = [one for one in outcomes if one.change(one.oracle) < -WORTH_FINDING]
@@ -70,7 +60,3 @@ def _mean_share(outcomes: Sequence[Outcome], taken: Sequence[Setting]) -> float:
         max(one.change(setting) / one.change(one.oracle), -1.0) for one, setting in zip(outcomes, taken, strict=True)
     ]
     return mean(shares)
-
-
-def _grid(outcome: Outcome) -> tuple[str, str]:
-    return outcome.experiment.sequence, outcome.experiment.option.name

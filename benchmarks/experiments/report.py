@@ -12,7 +12,6 @@ from benchmarks.experiments.findings import (
     AIM,
     WORTH_FINDING,
     Findings,
-    share_by_noise,
     share_of_oracle,
     share_of_verdicts,
 )
@@ -22,6 +21,7 @@ from benchmarks.experiments.plan import CONFIRMATION_RUNS, FRAMES, TOP, TRUTHS, 
 from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
 from benchmarks.experiments.several import several_table
 from benchmarks.experiments.unseen import picks_on_unseen, shares, unseen_table
+from benchmarks.experiments.weaker import noise_pairs, noise_sentence, noise_table
 
 
 def write_results(findings: Findings, folder: Path) -> None:
@@ -56,7 +56,8 @@ def _parts(findings: Findings, drawn: Sequence[str]) -> list[str]:
         part("Confirmations, judged on their own noise", text.FRESH, fresh_table(findings.fresh)),
         part("The paper's table 2, there", text.PAPER, tables.paper_table()),
         part("Which aggregate, which estimator", text.AGGREGATES, tables.summary_table(outcomes)),
-        part("The same with weaker noise", text.WEAKER, tables.predictor_table(findings.weaker)),
+        part("The same with weaker noise", text.WEAKER, noise_table(noise_pairs(outcomes, findings.weaker))),
+        part("Every predictor with weaker noise", text.WEAKER_PREDICTORS, tables.predictor_table(findings.weaker)),
         part("Which aggregate, over many choices of noisy runs", text.PICKS, tables.picks_table(outcomes, many)),
         part("Every experiment and predictor", text.PREDICTORS, tables.predictor_table(outcomes)),
         part("Why a pick is not the best", text.SHORTFALL, tables.shortfall_table(outcomes)),
@@ -100,12 +101,8 @@ def _introduction(findings: Findings) -> str:
             f"{reached:.0%} on average; the aim of {AIM:.0%} is {'met' if reached >= AIM else 'missed'}. The reasons "
             "are below, grid by grid."
         )
-    usual, weak, count = share_by_noise(outcomes, findings.weaker)
-    if count:
-        lines.append(
-            f"* Over the {count} of these grids that were repeated with weaker noise (see below), picks reach "
-            f"{usual:.0%} under the usual and {weak:.0%} under the weaker noise."
-        )
+    if sentence := noise_sentence(noise_pairs(outcomes, findings.weaker)):
+        lines.append(f"* {sentence}")
     reached, count = share_of_verdicts(outcomes)
     if count:
         lines.append(

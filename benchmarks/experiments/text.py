@@ -39,7 +39,12 @@ AGGREGATES = (
     '"share on unseen images" is that part where half of the noisy runs choose and ground truth judges the other half '
     "(see below)."
 )
-WEAKER = "Grids of table 2 again, with the noise given behind the option; cells as in the table of every experiment."
+WEAKER = (
+    f"Grids of table 2 again, under noise of fewer grey levels: rank correlation of the score (`{AGGREGATE}`) with the "
+    "true ATE, and the change of the true ATE at the pick, under either noise. The true ATE is that of the clean runs, "
+    'which are the same under both. The noise ladders below say what `noise_sigma = "auto"` takes on each sequence.'
+)
+WEAKER_PREDICTORS = "The same grids under the weaker noise; cells as in the table of every experiment."
 PICKS = (
     "For each experiment 200 random choices of half of its noisy runs: change of the true ATE at the pick on average / "
     "in the worst tenth / share of picks worse than nominal by more than 1 %."

@@ -10,7 +10,7 @@ from benchmarks.experiments import report
 from benchmarks.experiments.ablation import ablation
 from benchmarks.experiments.estimators import between, dispersion, paired_ratio
 from benchmarks.experiments.figures import gains, k_delta, noise, options
-from benchmarks.experiments.findings import Findings, share_by_noise, share_of_oracle, share_of_verdicts
+from benchmarks.experiments.findings import Findings, share_of_oracle, share_of_verdicts
 from benchmarks.experiments.joint import Joint
 from benchmarks.experiments.k_delta import curve, picks, r_squared_by_count
 from benchmarks.experiments.ladder import Ladder, Rung
@@ -27,6 +27,7 @@ from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
 from benchmarks.experiments.stored import outcome_from, stored_curves, stored_ladders, stored_results
 from benchmarks.experiments.tables import joint_table, shortfall_table, trap_table
 from benchmarks.experiments.unseen import SCORERS, on_unseen, share_on_unseen, unseen_table
+from benchmarks.experiments.weaker import noise_pairs, noise_sentence, noise_table, standings
 from gtf_tune.trajectory import Trajectory
 
 HUBER = Experiment("dtu-scan24", OPTIONS["huber"], 2.0)
@@ -314,5 +315,12 @@ def test_the_share_under_weaker_noise_is_over_the_grids_that_have_both() -> None
     weaker = replace(alone, experiment=replace(HUBER, sigma=0.5))
     elsewhere = replace(alone, experiment=replace(HUBER, sequence="hut"))
 
-    assert share_by_noise([usual, elsewhere], [weaker]) == (pytest.approx(0.4), pytest.approx(1.0), 1)
-    assert share_by_noise([elsewhere], [weaker])[2] == 0
+    pairs = noise_pairs([usual, elsewhere], [weaker])
+
+    before, after = standings(pairs)
+    assert [(one.usual, one.weaker) for one in pairs] == [(usual, weaker)]
+    assert (before.share, after.share) == (pytest.approx(0.4), pytest.approx(1.0))
+    assert before.spearman < after.spearman == pytest.approx(1.0)
+    assert [row[5:] for row in noise_table(pairs)[1]][1:] == [["40%", "100%", "100%"], ["-20.0%", "-50.0%", "-50.0%"]]
+    assert noise_pairs([elsewhere], [weaker]) == []
+    assert noise_sentence([]) == ""
