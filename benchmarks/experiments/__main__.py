@@ -25,6 +25,7 @@ from benchmarks.experiments.plan import (
     SIGMAS,
     Experiment,
     batches,
+    confirmed_with_weaker_noise,
     experiments,
     many_noisy_runs,
     other_sigmas,
@@ -68,9 +69,7 @@ def _measure(bench: Bench, planned: list[Experiment], confirmation_runs: int) ->
     with signals_to(bench.stop, print), suppress(Interrupted):
         for batch in batches(planned):
             _grids(bench, batch)
-            for experiment in batch:
-                name = f"{experiment.study} confirmation"
-                _timed(name, partial(run_confirmation, bench, experiment, confirmation_runs))
+            _confirmations(bench, batch, confirmation_runs)
             _write(bench, folders)
         _grids(bench, traps(folders))
         for name in (name for name in JOINT_SEQUENCES if name in folders):
@@ -78,6 +77,7 @@ def _measure(bench: Bench, planned: list[Experiment], confirmation_runs: int) ->
         if set(several.needed()) <= set(folders):
             _timed("one setting for several sequences", partial(several.run_several, bench))
         _grids(bench, [*many_noisy_runs(folders), *other_sigmas(folders), *ablation(folders)])
+        _confirmations(bench, confirmed_with_weaker_noise(folders), confirmation_runs)
         for name in (name for name in LADDER_SEQUENCES if name in folders):
             _timed(f"noise ladder of {name}", partial(run_ladder, bench, name))
 
@@ -85,6 +85,11 @@ def _measure(bench: Bench, planned: list[Experiment], confirmation_runs: int) ->
 def _grids(bench: Bench, planned: Sequence[Experiment]) -> None:
     for experiment in planned:
         _timed(experiment.study, partial(run_grid, bench, experiment))
+
+
+def _confirmations(bench: Bench, planned: Sequence[Experiment], noisy_runs: int) -> None:
+    for experiment in planned:
+        _timed(f"{experiment.study} confirmation", partial(run_confirmation, bench, experiment, noisy_runs))
 
 
 def _write(bench: Bench, folders: Mapping[str, Path]) -> None:

@@ -111,6 +111,7 @@ FRAMES: Mapping[str, Mapping[str, int]] = MappingProxyType(
 """What is used of a sequence, all where nothing is said: a run on one of these as it is takes minutes on one thread."""
 
 _CHEAP = ("ba", "huber", "twoview")
+_CHEAPEST = ("huber", "ba")
 _SMALL = (ROOM, "dtu-scan24", "fountain-P11")
 
 
@@ -168,10 +169,15 @@ def other_sigmas(found: Mapping[str, Path]) -> list[Experiment]:
     """Return the grids of table 2 again, with weaker noise, the cheap options first."""
     return [
         Experiment(name, OPTIONS[short], sigma)
-        for short in ("huber", "ba", "twoview", "ratio", "peak")
+        for short in (*_CHEAPEST, "twoview", "ratio", "peak")
         for name, sigma in WEAKER.items()
         if name in found
     ]
+
+
+def confirmed_with_weaker_noise(found: Mapping[str, Path]) -> list[Experiment]:
+    """Return those of `other_sigmas` that are confirmed too: the cheap ones."""
+    return [one for one in other_sigmas(found) if one.option.short in _CHEAPEST]
 
 
 def many_noisy_runs(found: Mapping[str, Path]) -> list[Experiment]:

@@ -41,8 +41,9 @@ AGGREGATES = (
 )
 WEAKER = (
     f"Grids of table 2 again, under noise of fewer grey levels: rank correlation of the score (`{AGGREGATE}`) with the "
-    "true ATE, and the change of the true ATE at the pick, under either noise. The true ATE is that of the clean runs, "
-    'which are the same under both. The noise ladders below say what `noise_sigma = "auto"` takes on each sequence.'
+    "true ATE, and the change of the true ATE at the pick and at what a confirmation adopted, under either noise. The "
+    "true ATE is that of the clean runs, which are the same under both. The noise ladders below say what "
+    '`noise_sigma = "auto"`, the default of studies, takes on each sequence.'
 )
 WEAKER_PREDICTORS = "The same grids under the weaker noise; cells as in the table of every experiment."
 PICKS = (

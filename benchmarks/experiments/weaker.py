@@ -54,22 +54,22 @@ def noise_sentence(pairs: Sequence[NoisePair]) -> str:
         f"({len(worth_finding(pairs))} grids) picks reach {share(weaker.share)} of it instead of {share(usual.share)}, "
         f"{weaker.regressions} instead of {usual.regressions} picks are worse than nominal by more than "
         f"{_REGRESSION:.0%}, and Spearman's correlation of score and true ATE is {plain(weaker.spearman)} instead of "
-        f"{plain(usual.spearman)} on average. So studies measure their noise by default now."
+        f"{plain(usual.spearman)} on average."
     )
 
 
 def noise_table(pairs: Sequence[NoisePair]) -> Table:
     """Return a row for each grid, after the averages."""
     columns = ["experiment", "usual noise", "weaker noise", "Spearman, usual", "weaker"]
-    columns += ["pick, usual", "weaker", "oracle"]
+    columns += ["pick, usual", "weaker", "oracle", "confirmation, usual", "weaker"]
     if not pairs:
         return columns, []
     usual, weaker = standings(pairs)
     all_of = f"{len(pairs)} grids: Spearman on average, regressions"
     wrong = [f"{one.regressions} of {len(pairs)} worse" for one in (usual, weaker)]
-    rows = [[all_of, "", "", plain(usual.spearman), plain(weaker.spearman), *wrong, ""]]
+    rows = [[all_of, "", "", plain(usual.spearman), plain(weaker.spearman), *wrong, "", "", ""]]
     worth = f"share of the oracle, {len(worth_finding(pairs))} grids"
-    rows.append([worth, "", "", "", "", share(usual.share), share(weaker.share), share(1.0)])
+    rows.append([worth, "", "", "", "", share(usual.share), share(weaker.share), share(1.0), "", ""])
     for one in sorted(pairs, key=lambda pair: pair.usual.change(pair.usual.oracle)):
         both = [_agreement(outcome) for outcome in one]
         picked = [percent(outcome.change(found.pick)) for outcome, found in zip(one, both, strict=True)]
@@ -80,6 +80,7 @@ def noise_table(pairs: Sequence[NoisePair]) -> Table:
                 *(plain(found.spearman) for found in both),
                 *picked,
                 percent(one.usual.change(one.usual.oracle)),
+                *map(_verdict, one),
             ]
         )
     return columns, rows
@@ -89,6 +90,12 @@ def _standing(outcomes: Sequence[Outcome], worth: Sequence[Outcome]) -> Standing
     found = [(one, _agreement(one)) for one in outcomes]
     worse = sum(outcome.change(agreement.pick) > _REGRESSION for outcome, agreement in found)
     return Standing(mean(agreement.spearman for _, agreement in found), worse, share_of_oracle(worth)[0])
+
+
+def _verdict(outcome: Outcome) -> str:
+    if outcome.adopted is None:
+        return ""
+    return f"adopt {percent(outcome.change(outcome.adopted))}" if outcome.adopted.ordinal else outcome.verdict
 
 
 def _agreement(outcome: Outcome) -> Agreement:

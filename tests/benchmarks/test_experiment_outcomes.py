@@ -321,6 +321,6 @@ def test_the_share_under_weaker_noise_is_over_the_grids_that_have_both() -> None
     assert [(one.usual, one.weaker) for one in pairs] == [(usual, weaker)]
     assert (before.share, after.share) == (pytest.approx(0.4), pytest.approx(1.0))
     assert before.spearman < after.spearman == pytest.approx(1.0)
-    assert [row[5:] for row in noise_table(pairs)[1]][1:] == [["40%", "100%", "100%"], ["-20.0%", "-50.0%", "-50.0%"]]
+    assert [row[5:8] for row in noise_table(pairs)[1]][1:] == [["40%", "100%", "100%"], ["-20.0%", "-50.0%", "-50.0%"]]
     assert noise_pairs([elsewhere], [weaker]) == []
     assert noise_sentence([]) == ""
