@@ -96,7 +96,9 @@ def chosen_noise(sequence: str, sigma: float, reason: str) -> str:
 
 def permille(value: float | None) -> str:
     """Format a fraction of the extent in per mille, with three significant digits."""
-    return "-" if value is None or not math.isfinite(value) else f"{value * 1000:.3g}"
+    from gtf_tune.report import numbers
+
+    return numbers.significant(math.nan if value is None else value * 1000)
 
 
 def percent(value: float | None) -> str:

@@ -1,11 +1,12 @@
 """Assemble the command line and hold its only error boundary."""
 
 import sys
+from typing import Annotated
 
 import typer
 
 from gtf_tune.cli import cache, metric, pipeline, sequence, storage, study
-from gtf_tune.cli.console import say
+from gtf_tune.cli.console import say, write_line
 from gtf_tune.cli.dashboard import dashboard
 from gtf_tune.cli.demo import demo
 from gtf_tune.cli.doctor import doctor
@@ -21,11 +22,30 @@ from gtf_tune.errors import GtfTuneError
 app = typer.Typer(
     name="gtf-tune",
     cls=GroupedCommands,
-    help="Tune Structure-from-Motion and visual SLAM without ground truth.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from gtf_tune.version import __version__
+
+        write_line(f"gtf-tune {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Tune Structure-from-Motion and visual SLAM without ground truth."""
+    del version
+
+
 app.command("demo", rich_help_panel="Start")(demo)
 app.add_typer(study.app, name="study", rich_help_panel="Studies")
 app.command("dashboard", rich_help_panel="Studies")(dashboard)

@@ -1,8 +1,10 @@
 """Run requests in child processes of this machine."""
 
 import contextlib
+import platform
 import signal
 import threading
+import time
 from collections import deque
 from concurrent.futures import CancelledError, Future, InvalidStateError
 from concurrent.futures.process import BrokenProcessPool
@@ -39,6 +41,8 @@ class _Item:
     pool_lost: bool = False
     expected_bytes: int = 0
     tries: int = 0
+    began: float = 0.0
+    started_at: float = 0.0
 
 
 class LocalExecutor:
@@ -134,6 +138,7 @@ class LocalExecutor:
         if item.paths is None and not item.future.set_running_or_notify_cancel():
             return
         item.tries += 1
+        item.began, item.started_at = time.perf_counter(), time.time()
         self._running.append(item)
         try:
             item.paths = self._scratch.paths(item.request.key[:12])
@@ -231,6 +236,9 @@ def _failure(item: _Item, reason: str) -> RunOutcome:
         status="failed",
         trajectory=Trajectory.empty(),
         error=reason,
+        wall_s=time.perf_counter() - item.began,
+        host=platform.node(),
+        started_at=item.started_at,
         versions=versions_of(item.request),
         log=item.paths.read_log_tail() if item.paths else "",
     )

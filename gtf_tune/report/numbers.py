@@ -12,10 +12,10 @@ _GIB = 2**30
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """Return a number with so many significant digits, such as 2.31, 0.0023 or 1.2e-05."""
+    """Return a number with so many significant digits, such as 2.31, 0.0023, 1235 or 1.2e-05."""
     if not math.isfinite(value):
         return UNKNOWN
-    whole = abs(value) >= 10**digits and abs(value) < 10**6
+    whole = 10**digits - 0.5 <= abs(value) < 10**6
     return f"{value:.0f}" if whole else f"{value:.{digits}g}"
 
 

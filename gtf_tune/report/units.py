@@ -1,9 +1,9 @@
 """Say in which unit scores are shown."""
 
-import math
 from dataclasses import dataclass
 
 from gtf_tune.definition import GtfDefinition, StudyDefinition
+from gtf_tune.report.numbers import significant
 
 _NAMES = {"ate": "GTF ATE", "rpe_translation": "GTF RPE", "rpe_rotation": "GTF RPE (rotation)"}
 _PER_MILLE = 1000.0
@@ -30,8 +30,7 @@ class ScoreUnit:
 
     def text(self, stored: float | None) -> str:
         """Format a stored value in the shown unit, with three significant digits; a dash where there is none."""
-        shown = self.shown(stored)
-        return f"{shown:.3g}" if math.isfinite(shown) else "-"
+        return significant(self.shown(stored))
 
     def told(self, stored: float | None) -> str:
         """Format a stored value with its unit, in plain letters for the lines of a log; a dash where there is none."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import gtf_tune
 from tests.cli.conftest import Cli
 
 CREATE = ("study", "create", "small", "-p", "analytic", "-s", "room", "-n", "3", "-k", "1", "-K", "3")
@@ -161,3 +162,7 @@ def test_what_follows_the_inspection_of_a_folder_of_any_name_can_be_called(cli: 
     assert cli(*words).code == 0
     assert words[:3] == ["study", "create", "my-photos"]
     assert "max_frames=6" in words
+
+
+def test_the_version_is_told(cli: Cli) -> None:
+    assert cli("--version").out == f"gtf-tune {gtf_tune.__version__}\n"

@@ -64,6 +64,8 @@ class ExecutorContract:
 
         assert outcome.status == "failed"
         assert "no result within 0.5 s" in outcome.error
+        assert outcome.wall_s >= 0.5
+        assert outcome.host
 
     def test_a_run_that_eats_memory_ends_at_its_limit(self, executor: Executor) -> None:
         outcome = outcome_of(executor, failing("memory"), RunLimits(timeout_s=60.0, memory_bytes=2**28))

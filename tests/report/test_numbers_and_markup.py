@@ -10,7 +10,15 @@ from gtf_tune.report.dashboard import markdown
 
 @pytest.mark.parametrize(
     ("value", "expected"),
-    [(2.3149, "2.31"), (0.00231, "0.00231"), (1234.5, "1234"), (1.2e-7, "1.2e-07"), (math.nan, "-"), (0.0, "0")],
+    [
+        (2.3149, "2.31"),
+        (0.00231, "0.00231"),
+        (1234.5, "1234"),
+        (999.7, "1000"),
+        (1.2e-7, "1.2e-07"),
+        (math.nan, "-"),
+        (0.0, "0"),
+    ],
 )
 def test_numbers_have_three_significant_digits(value: float, expected: str) -> None:
     assert numbers.significant(value) == expected
