@@ -36,6 +36,7 @@ class StudyProgress:
         self._best = best
         self._lock = threading.Lock()
         self._began = time.perf_counter()
+        self._noise_began: float | None = None
         self._done_here = 0
         self._progress = Progress(
             TextColumn("{task.description}"),
@@ -90,14 +91,18 @@ class StudyProgress:
     def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
         """Take note of runs by which the noise is chosen."""
         with self._lock:
+            self._noise_began = self._noise_began or time.perf_counter()
             self._planned += planned_runs
             self._progress.update(self._runs, total=self._planned)
             if self._progress.disable:
                 say(tried_noise(sequence, sigma, planned_runs))
 
     def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
-        """Say which noise was chosen."""
+        """Say which noise was chosen; its runs count as no trial's, or the time left would be too long."""
         with self._lock:
+            now = time.perf_counter()
+            self._began += now - (self._noise_began or now)
+            self._noise_began = None
             self._progress.console.print(chosen_noise(sequence, sigma, reason), markup=False, highlight=False)
 
     def trial_finished(self, end: "TrialEnd") -> None:

@@ -1,0 +1,27 @@
+import itertools
+from types import SimpleNamespace
+
+import pytest
+
+from gtf_tune.cli import progress
+from gtf_tune.definition import GtfDefinition
+from gtf_tune.report.units import sequence_unit
+from gtf_tune.study.events import TrialEnd
+from gtf_tune.study.objective import TrialScore
+
+
+def test_runs_that_choose_the_noise_do_not_count_in_the_time_that_trials_take(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seconds = itertools.count(0, 100)
+    monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=lambda: float(next(seconds))))
+    shown = progress.StudyProgress(3, 0, sequence_unit(GtfDefinition()), None, None)
+
+    shown.noise_started("room", 0.0, 6)
+    shown.noise_started("room", 0.5, 4)
+    shown.noise_chosen("room", 0.5, "it is the weakest")
+    shown.trial_finished(TrialEnd(0, {}, TrialScore(0.002, -1.0, 1.0, "", {}), 6))
+
+    said = capsys.readouterr().err
+    assert "noise of room: 0.5 grey levels (it is the weakest)" in said
+    assert "6 min 40 s left" in said
