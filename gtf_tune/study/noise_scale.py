@@ -11,7 +11,7 @@ collapse and the response per grey level is no longer constant.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +29,9 @@ VISIBLE_FROM = 1.5
 
 GOOD_ENOUGH = 0.9
 """Share of the best signal-to-spread ratio that a weaker noise needs to be preferred."""
+
+_CONTRADICTION = 3.0
+"""Times the score of some noise from which on a floor contradicts it: noise adds to what runs differ by."""
 
 _FEWEST_FOR_FIT = 3
 
@@ -91,18 +94,22 @@ def noise_scale(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseScale:
     """Return what a ladder says; ``floor`` is the level of sigma 0, ``levels`` rise.
 
     The recommended sigma is the weakest one whose ratio of signal to spread comes within a tenth of the best, among
-    levels in the linear range without a collapsed run.
+    levels in the linear range without a collapsed run. A floor far above the score of some noise says nothing: most of
+    the clean runs behind it fell apart, where those with noise did not.
 
     Raises
     ------
     TrajectoryError
         There is no level, or none on which every run works.
     """
-    responses = [_response(one, floor) for one in levels]
-    ratios = [_ratio(one, floor) for one in levels]
+    base = _believed(floor, levels)
+    responses = [_response(one, base) for one in levels]
+    ratios = [_ratio(one, base) for one in levels]
     linear = _linear_range(levels, responses)
     chosen, reason = _recommend(levels, ratios, linear)
-    points = [(one.sigma, one.score) for one, inside in zip([floor, *levels], [True, *linear], strict=True) if inside]
+    if base is not floor:
+        reason += "; clean runs differ by more than noisy ones, so most of them fell apart and tell no floor"
+    points = [(one.sigma, one.score) for one, inside in zip([base, *levels], [True, *linear], strict=True) if inside]
     known = np.array([point for point in points if math.isfinite(point[1])]).reshape(-1, 2)
     return NoiseScale(
         floor=floor,
@@ -119,8 +126,15 @@ def noise_scale(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseScale:
 
 def is_open(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> bool:
     """Tell whether stronger noise may change the recommendation: the linear range has not begun or not ended."""
-    linear = _linear_range(levels, [_response(one, floor) for one in levels])
+    base = _believed(floor, levels)
+    linear = _linear_range(levels, [_response(one, base) for one in levels])
     return not any(linear) or linear[-1]
+
+
+def _believed(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseLevel:
+    """Return the floor, without its score where that contradicts those of the levels."""
+    least = min((one.score for one in levels if one.is_sound), default=math.inf)
+    return replace(floor, score=math.nan) if floor.score > _CONTRADICTION * least else floor
 
 
 def _signal(level: NoiseLevel, floor: NoiseLevel) -> float:

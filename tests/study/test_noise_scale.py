@@ -105,3 +105,23 @@ def test_stronger_noise_is_tried_until_the_linear_range_has_ended() -> None:
     assert not is_open(floor, [*linear, jump])
     assert not is_open(floor, [*linear, level(3.0, 3e-3, collapsed=1)])
     assert noise_scale(floor, [*linear, jump]).recommended == noise_scale(floor, linear).recommended
+
+
+def test_a_floor_of_clean_runs_that_fell_apart_hides_no_noise() -> None:
+    levels = [level(0.5, 1.5e-3), level(1.0, 6e-3, 2.7, collapsed=1), level(2.0, 1.9e-3), level(5.0, 3e-3)]
+
+    scale = noise_scale(level(0.0, 0.4), levels)
+
+    assert scale.recommended == 0.5
+    assert "most of them fell apart" in scale.reason
+    assert scale.floor.score == 0.4
+    assert not is_open(level(0.0, 0.4), levels[:2])
+
+
+def test_noise_that_does_not_show_above_run_to_run_differences_does_not_contradict_them() -> None:
+    levels = [level(sigma, 1e-3) for sigma in (0.5, 1.0, 2.0)]
+
+    scale = noise_scale(level(0.0, 1.2e-3), levels)
+
+    assert scale.recommended == 2.0
+    assert "fell apart" not in scale.reason
