@@ -184,7 +184,7 @@ def ladder_table(ladders: Sequence[Ladder]) -> Table:
         rows.append([one.sequence, "0", significant(1000 * one.floor), *["-"] * 4, "floor"])
         for rung in one.rungs:
             mark = "recommended" if rung.sigma == one.recommended else "linear" if rung.linear else ""
-            signal = math.sqrt(max(rung.score**2 - one.floor**2, 0.0))
+            signal = math.sqrt(rung.score**2 - one.floor**2) if rung.score > one.floor else math.nan
             numbers = [significant(value) for value in (1000 * rung.score, 1000 * signal / rung.sigma)]
             numbers += ["-" if value is None else significant(value) for value in (rung.spread, rung.true_ate)]
             rows.append([one.sequence, f"{rung.sigma:g}", *numbers, str(rung.collapsed), mark])

@@ -89,7 +89,8 @@ K_DELTA = (
 LADDER = (
     f"Nominal setting over noise levels, {ladder.RUNS} noisy runs each; level 0 is clean against other clean runs. "
     "Where the response per grey level is constant the pipeline is linear (the paper's assumption); `gtf-tune noise` "
-    "measures this on any sequence."
+    "measures this on any sequence. Where the floor lies far above the scores, most clean runs fell apart and noisy "
+    "ones did not; it is ignored then."
 )
 ABLATION = (
     "The paper's 26 options, as far as COLMAP 4 still has them, each at a stricter and a laxer value "
