@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 import pycolmap
 
-from gtf_tune.perturbation import GreyImage
 from gtf_tune.sequence import ImageSource, Sequence, load_sequence
+from gtf_tune.sequence.image_noise import GreyImage
 from gtf_tune.sequence.render.textures import poster
 
 IMAGES, HEIGHT, WIDTH = 8, 683, 1024

@@ -6,11 +6,11 @@ from functools import reduce
 
 import numpy as np
 
-from gtf_tune.alignment import MIN_MATCHED, umeyama
 from gtf_tune.errors import TrajectoryError
+from gtf_tune.gtf.random_effects import far_from_median
 from gtf_tune.metrics import pairwise_matrix
 from gtf_tune.trajectory import FloatArray, Trajectory
-from gtf_tune.two_way import far_from_median
+from gtf_tune.trajectory.alignment import MIN_MATCHED, umeyama
 
 _ROUNDS = 5
 

@@ -11,11 +11,11 @@ from scipy import stats
 from benchmarks.experiments.numbers import Table, percent, spearman
 from benchmarks.experiments.plan import Experiment
 from benchmarks.experiments.settings import Outcome, true_ates
+from gtf_tune.gtf.random_effects import far_from_median
 from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.trajectory import FloatArray, Trajectory
-from gtf_tune.two_way import far_from_median
 
 _FEWEST = 3
 

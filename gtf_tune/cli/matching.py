@@ -29,9 +29,9 @@ def matched_files(
     TrajectoryError
         A file cannot be read, or fewer than 4 poses agree; the message says by what, and what to change.
     """
-    from gtf_tune.alignment import MIN_MATCHED
     from gtf_tune.errors import TrajectoryError
     from gtf_tune.trajectory import associate_by_name, associate_by_timestamp, matched, read_trajectory
+    from gtf_tune.trajectory.alignment import MIN_MATCHED
 
     first, second = (read_trajectory(path, format_) for path in (reference, estimate))
     by_name = bool(first.names and second.names)

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from gtf_tune.definition.faults import fault_sentences
+from gtf_tune.definition.messages import fault_sentences
 from gtf_tune.definition.model import StudyDefinition
 from gtf_tune.errors import DefinitionError, numbered
 

@@ -8,8 +8,8 @@ import math
 
 import numpy as np
 
+from gtf_tune.gtf.random_effects import far_above_either_median, far_above_median
 from gtf_tune.trajectory import BoolArray, FloatArray
-from gtf_tune.two_way import far_above_either_median, far_above_median
 
 
 def find_collapsed(matrix: FloatArray, noisy_noisy: FloatArray | None = None) -> BoolArray:

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtr
 
+from gtf_tune.gtf.random_effects import Spread, compared_table, mean_difference
 from gtf_tune.gtf.score import GtfScore
 from gtf_tune.gtf.uncertainty import CONFIDENCE, half_width
 from gtf_tune.trajectory import BoolArray, FloatArray
-from gtf_tune.two_way import Spread, compared_table, mean_difference
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from gtf_tune.alignment import ALIGNMENTS, AlignmentKind
 from gtf_tune.gtf.aggregate import Aggregate
 from gtf_tune.metrics import AteSettings, DeltaUnit, MetricSettings, PosePairs, RpeRelation, RpeSettings, check_word
+from gtf_tune.trajectory.alignment import ALIGNMENTS, AlignmentKind
 
 GtfMetric = Literal["ate", "rpe_translation", "rpe_rotation"]
 Normalise = Literal["extent", "none"]

@@ -1,7 +1,7 @@
 """Say how far a score can be trusted.
 
 Pairs (clean i, noisy j) are not independent: all pairs of a clean run share it, and so do all pairs of a noisy run. The
-variance of a mean over a (k, k_delta) matrix is therefore that of a two-way table (`gtf_tune.two_way`).
+variance of a mean over a (k, k_delta) matrix is therefore that of a two-way table (`gtf_tune.gtf.random_effects`).
 
 `benchmarks/interval_coverage.py` measures how often these intervals hold the truth and is the reason for each choice
 here. With k = 2 and k_delta = 4 to 12 the 95 % interval does so in 94 to 97 % (98 % for medians of few runs). When 5 %
@@ -16,8 +16,8 @@ import numpy as np
 from scipy.special import stdtrit
 
 from gtf_tune.gtf.aggregate import Aggregate, aggregate_last_axis, aggregate_matrix
+from gtf_tune.gtf.random_effects import Spread, combined, two_way_spread
 from gtf_tune.trajectory import FloatArray
-from gtf_tune.two_way import Spread, combined, two_way_spread
 
 CONFIDENCE = 0.95
 RESAMPLES = 1000

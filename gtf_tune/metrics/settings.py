@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from gtf_tune.alignment import ALIGNMENTS, AlignmentKind
 from gtf_tune.errors import DefinitionError
+from gtf_tune.trajectory.alignment import ALIGNMENTS, AlignmentKind
 
 RpeRelation = Literal["translation", "rotation"]
 DeltaUnit = Literal["frames", "metres", "seconds"]

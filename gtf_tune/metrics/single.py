@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from gtf_tune.alignment import ALIGNMENTS, AlignmentKind, Similarity, umeyama
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.metrics.pairwise import pairwise_matrix
 from gtf_tune.metrics.relative import matched_paths, relative_errors
 from gtf_tune.metrics.settings import AteSettings, MetricSettings, RpeSettings, check_word
 from gtf_tune.trajectory import FloatArray, Trajectory, associate_by_frame_id
+from gtf_tune.trajectory.alignment import ALIGNMENTS, AlignmentKind, Similarity, umeyama
 
 
 def ate(a: Trajectory, b: Trajectory, alignment: AlignmentKind = "sim3") -> float:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtf_tune.alignment import (
+from gtf_tune.trajectory import FloatArray, IntArray, Trajectory
+from gtf_tune.trajectory.alignment import (
     COMPARABLE_SIZE,
     INCOMPARABLE,
     AlignmentKind,
@@ -13,7 +14,6 @@ from gtf_tune.alignment import (
     align_all,
     normalised,
 )
-from gtf_tune.trajectory import FloatArray, IntArray, Trajectory
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gtf_tune.errors import DefinitionError, RunError
-from gtf_tune.perturbation import GreyImage
 from gtf_tune.pipelines.analytic_failures import FAILURES
 from gtf_tune.pipelines.base import PipelineJob, PipelineOutput
 from gtf_tune.pipelines.options import OptionSpec, OptionTable, OptionValue
@@ -26,6 +25,7 @@ from gtf_tune.pipelines.run import digest
 from gtf_tune.pipelines.settings import Setting, read_settings
 from gtf_tune.sequence import Frame
 from gtf_tune.sequence import Sequence as ImageSequence
+from gtf_tune.sequence.image_noise import GreyImage
 from gtf_tune.trajectory import BoolArray, FloatArray, Trajectory
 
 VERSION = "1"

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from gtf_tune.perturbation import GreyImage
 from gtf_tune.sequence.camera import Camera
+from gtf_tune.sequence.image_noise import GreyImage
 from gtf_tune.sequence.images import sharpness
 
 _ORB_FEATURES = 1000

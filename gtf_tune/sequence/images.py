@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.perturbation import GreyImage
+from gtf_tune.sequence.image_noise import GreyImage
 
 IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff"})
 IMAGE_KINDS = ", ".join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gtf_tune.alignment import MIN_MATCHED
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.images import image_size
@@ -14,6 +13,7 @@ from gtf_tune.sequence.layouts.registry import AUTO, find_layout
 from gtf_tune.sequence.selection import Selection
 from gtf_tune.sequence.value import Frame, Sequence
 from gtf_tune.trajectory import Trajectory
+from gtf_tune.trajectory.alignment import MIN_MATCHED
 
 FEWEST_FRAMES = MIN_MATCHED
 """Frames that a sequence must have to be worked on: with fewer, no two trajectories can be compared."""

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.perturbation import NOISE_VERSION, GreyImage, noisy_image
+from gtf_tune.sequence.image_noise import NOISE_VERSION, GreyImage, noisy_image
 from gtf_tune.sequence.value import Frame, Sequence
 
 _SUFFIX = ".pgm"

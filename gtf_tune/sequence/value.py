@@ -10,8 +10,8 @@ from pathlib import Path
 import cv2
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.perturbation import GreyImage
 from gtf_tune.sequence.camera import Camera
+from gtf_tune.sequence.image_noise import GreyImage
 from gtf_tune.sequence.images import read_grey
 from gtf_tune.trajectory import Trajectory
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtf_tune.alignment import MIN_MATCHED
+from gtf_tune.trajectory.alignment import MIN_MATCHED
 
 LEAST_COMMON = 0.5
 """Part of the frames of the shorter of two runs that both must have registered."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gtf_tune.alignment import MIN_MATCHED
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.execution import Executor, RunLimits
@@ -23,6 +22,7 @@ from gtf_tune.study.opened import OpenStudy
 from gtf_tune.study.plan import RunPlanner
 from gtf_tune.study.seeds import SeedSource
 from gtf_tune.trajectory import Trajectory
+from gtf_tune.trajectory.alignment import MIN_MATCHED
 
 DEFAULT_RUNS = 4
 PURPOSE = "noise"

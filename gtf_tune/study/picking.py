@@ -70,7 +70,7 @@ def improvement(nominal: Mapping[str, Any], best: Mapping[str, Any]) -> Improvem
     (`compared_table`): the interval counts clean and noisy runs, and an instance that fell apart under one of the
     settings is left out. ``instances`` counts those of all sequences.
     """
-    from gtf_tune.two_way import compared_table, mean_difference  # here: most readers need no numpy
+    from gtf_tune.gtf.random_effects import compared_table, mean_difference  # here: most readers need no numpy
 
     tables = [_matrices(one) for one in (nominal, best)]
     if not all(tables) or len(tables[0]) != len(tables[1]):

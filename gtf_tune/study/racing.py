@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtr
 
-from gtf_tune.two_way import COLLAPSE_FACTOR
+from gtf_tune.gtf.random_effects import COLLAPSE_FACTOR
 
 USUAL_SPREAD = 0.15
 """Standard deviation of paired log ratios before any are seen.

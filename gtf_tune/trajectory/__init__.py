@@ -1,12 +1,7 @@
 """Hold, read, write and match camera trajectories."""
 
-from gtf_tune.trajectory.association import (
-    associate_by_frame_id,
-    associate_by_name,
-    associate_by_timestamp,
-    matched,
-)
 from gtf_tune.trajectory.files import TrajectoryFormat, read_trajectory, write_kitti, write_tum
+from gtf_tune.trajectory.matching import associate_by_frame_id, associate_by_name, associate_by_timestamp, matched
 from gtf_tune.trajectory.serialization import from_bytes, to_bytes
 from gtf_tune.trajectory.value import BoolArray, FloatArray, IntArray, Trajectory
 

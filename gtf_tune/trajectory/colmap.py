@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.trajectory.text import checked_quaternion, finite_numbers, read_binary, read_text
+from gtf_tune.trajectory.formats import checked_quaternion, finite_numbers, read_binary, read_text
 from gtf_tune.trajectory.value import IntArray, Trajectory
 
 _IMAGE_COLUMNS = 10

@@ -10,7 +10,7 @@ import numpy as np
 
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.trajectory.colmap import read_colmap
-from gtf_tune.trajectory.text import data_lines, read_euroc, read_kitti, read_tum
+from gtf_tune.trajectory.formats import data_lines, read_euroc, read_kitti, read_tum
 from gtf_tune.trajectory.value import Trajectory
 
 TrajectoryFormat = Literal["auto", "tum", "kitti", "euroc", "colmap"]

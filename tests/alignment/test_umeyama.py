@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gtf_tune.alignment import Similarity, umeyama
 from gtf_tune.errors import TrajectoryError
+from gtf_tune.trajectory.alignment import Similarity, umeyama
 
 SEEDS = st.integers(0, 2**32 - 1)
 SCALES = st.floats(-8, 8).map(lambda exponent: 10.0**exponent)

@@ -4,9 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gtf_tune.alignment import umeyama
 from gtf_tune.metrics import AteSettings, RpeSettings, ate, pairwise_matrix, rpe
 from gtf_tune.trajectory import Trajectory, associate_by_frame_id
+from gtf_tune.trajectory.alignment import umeyama
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gtf_tune.perturbation import noisy_image
+from gtf_tune.sequence.image_noise import noisy_image
 
 GREY = np.full((48, 64), 128, dtype=np.uint8)
 

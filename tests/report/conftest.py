@@ -17,7 +17,6 @@ import pytest
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
 from optuna.trial import TrialState, create_trial
 
-from gtf_tune.alignment import MIN_MATCHED
 from gtf_tune.definition import definition_from_dict, dump_definition
 from gtf_tune.errors import RunError
 from gtf_tune.gtf import GtfScore, GtfSettings, gtf_score
@@ -36,6 +35,7 @@ from gtf_tune.store.validations import Validation
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.verdicts import ADOPT
 from gtf_tune.trajectory import Trajectory
+from gtf_tune.trajectory.alignment import MIN_MATCHED
 from tests.store.conftest import (  # noqa: F401 (fixtures)
     make_storage,
     postgresql_server,

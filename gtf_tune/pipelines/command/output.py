@@ -11,7 +11,7 @@ from gtf_tune.errors import RunError, TrajectoryError
 from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.command.definition import OutputDefinition
 from gtf_tune.trajectory import IntArray, Trajectory, associate_by_timestamp, read_trajectory
-from gtf_tune.trajectory.text import read_binary
+from gtf_tune.trajectory.formats import read_binary
 
 _WHOLE = 0.05
 _MODEL_FILES = ("images.bin", "images.txt")

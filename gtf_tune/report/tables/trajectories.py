@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtf_tune.alignment import AlignmentKind, umeyama
 from gtf_tune.errors import TrajectoryError
+from gtf_tune.gtf.random_effects import far_above_median
 from gtf_tune.pipelines.run import RunKind
 from gtf_tune.trajectory import BoolArray, FloatArray, IntArray, Trajectory, associate_by_frame_id
-from gtf_tune.two_way import far_above_median
+from gtf_tune.trajectory.alignment import AlignmentKind, umeyama
 
 _PER_MILLE = 1000.0
 

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.perturbation import GreyImage
 from gtf_tune.sequence.camera import Camera
+from gtf_tune.sequence.image_noise import GreyImage
 from gtf_tune.sequence.render.motion import HandHeldPath, random_path
 from gtf_tune.sequence.render.raster import FloatImage, TextureAtlas, build_atlas, draw
 from gtf_tune.sequence.render.scene import Face, FloatArray, build_room
