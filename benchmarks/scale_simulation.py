@@ -27,7 +27,7 @@ from sqlalchemy import Engine, event, text
 
 from benchmarks.scale_page import write_page
 from gtf_tune.execution import InlineExecutor
-from gtf_tune.store import slots, studies, trials
+from gtf_tune.store import studies, trial_queue, trials
 from gtf_tune.store.database import Database, open_database
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.create import checked_definition, create_study, open_study
@@ -46,7 +46,7 @@ SERVER_CORES = 8
 HORIZON_RUNS = 12
 FILL = Path(__file__).with_name("scale_fill.sql")
 CONTEXT = get_context("forkserver")
-CONTEXT.set_forkserver_preload(["benchmarks.scale_simulation", "optuna", "gtf_tune.store.patient_optuna"])
+CONTEXT.set_forkserver_preload(["benchmarks.scale_simulation", "optuna", "gtf_tune.store.optuna.retrying_storage"])
 
 
 @dataclass(frozen=True)
@@ -230,8 +230,8 @@ def measure_queries(server: RestartableServer, room: Path, count: int) -> QueryC
     worker = this_worker()
     cost = QueryCost(
         trials=count,
-        claim_ms=fastest_ms(lambda: slots.claim_slot(database, study.id, 2 * count, worker)),
-        adopt_ms=fastest_ms(lambda: slots.adopt_stale(database, study.id, worker, 120.0)),
+        claim_ms=fastest_ms(lambda: trial_queue.claim_slot(database, study.id, 2 * count, worker)),
+        adopt_ms=fastest_ms(lambda: trial_queue.adopt_stale(database, study.id, worker, 120.0)),
         untold_ms=fastest_ms(lambda: trials.untold(database, study.id)),
         best_ms=fastest_ms(lambda: trials.best(database, study.id, before=count)),
         load_s=load_s,

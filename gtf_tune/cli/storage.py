@@ -18,7 +18,7 @@ def check(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
 
     Example: gtf-tune storage check
     """
-    from gtf_tune.store.check import check as check_database
+    from gtf_tune.store.maintenance.check import check as check_database
 
     report = check_database(open_storage(storage))
     if json:
@@ -55,7 +55,7 @@ def copy(
 
     Example: gtf-tune storage copy gtf-tune.db postgresql+psycopg://host/tuning --study photos
     """
-    from gtf_tune.store.copy import copy_study
+    from gtf_tune.store.maintenance.copy import copy_study
 
     hush_optuna()
     digest = copy_study(open_storage(source), create_storage(target), study)
@@ -68,6 +68,6 @@ def digest(name: StudyName, storage: Storage = DEFAULT_STORAGE) -> None:
 
     Example: gtf-tune storage digest photos
     """
-    from gtf_tune.store.digest import study_digest
+    from gtf_tune.store.maintenance.digest import study_digest
 
     write_line(study_digest(open_storage(storage), name))

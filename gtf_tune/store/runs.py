@@ -10,10 +10,9 @@ from sqlalchemy.orm import Session
 from gtf_tune.pipelines.base import DiagnosticValue
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest, RunStatus
-from gtf_tune.store import models
-from gtf_tune.store.database import Database
-from gtf_tune.store.rows import chunks, columns_of, table_of
-from gtf_tune.store.session import read, read_rows, write
+from gtf_tune.store.database import Database, models
+from gtf_tune.store.database.rows import chunks, columns_of, table_of
+from gtf_tune.store.database.session import read, read_rows, write
 
 
 @dataclass(frozen=True)

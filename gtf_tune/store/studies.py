@@ -9,11 +9,10 @@ from sqlalchemy import case, delete, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from gtf_tune.errors import DeletedError, StorageError, did_you_mean
-from gtf_tune.store import models
-from gtf_tune.store.database import Database
-from gtf_tune.store.optuna_tables import delete_optuna_study
-from gtf_tune.store.rows import columns_of
-from gtf_tune.store.session import read, read_rows, write
+from gtf_tune.store.database import Database, models
+from gtf_tune.store.database.rows import columns_of
+from gtf_tune.store.database.session import read, read_rows, write
+from gtf_tune.store.optuna.tables import delete_optuna_study
 
 StudyState = Literal["open", "paused", "stopped", "done", "copying"]
 """Workers finish the trials of a paused study, and give back those of a stopped one; ``copying`` is a copy that is not

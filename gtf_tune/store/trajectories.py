@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from sqlalchemy import select
 
 from gtf_tune.errors import StorageError, TrajectoryError
-from gtf_tune.store import models
-from gtf_tune.store.database import Database
-from gtf_tune.store.rows import chunks
-from gtf_tune.store.session import read_rows
+from gtf_tune.store.database import Database, models
+from gtf_tune.store.database.rows import chunks
+from gtf_tune.store.database.session import read_rows
 from gtf_tune.trajectory import Trajectory, from_bytes
 
 

@@ -7,10 +7,9 @@ from typing import Any
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
-from gtf_tune.store import models
-from gtf_tune.store.database import Database
-from gtf_tune.store.rows import columns_of
-from gtf_tune.store.session import read_rows, write
+from gtf_tune.store.database import Database, models
+from gtf_tune.store.database.rows import columns_of
+from gtf_tune.store.database.session import read_rows, write
 
 
 @dataclass(frozen=True)

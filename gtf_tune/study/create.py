@@ -17,7 +17,7 @@ from gtf_tune.pipelines import create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
-from gtf_tune.store.optuna_tables import optuna_storage, with_optuna
+from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
 from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence, make_pipeline
 from gtf_tune.study.places import folders_of

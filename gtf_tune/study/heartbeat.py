@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Self
 
 from gtf_tune.errors import StorageError
-from gtf_tune.store import slots
+from gtf_tune.store import trial_queue
 from gtf_tune.store.database import Database
 from gtf_tune.study.stop import FINISH_RUNS, StopRequest
 
@@ -29,15 +29,15 @@ class Heartbeat:
         self._database = database
         self._interval_s = interval_s
         self._after_beat = after_beat
-        self._held: dict[str, tuple[slots.Slot, StopRequest]] = {}
+        self._held: dict[str, tuple[trial_queue.Slot, StopRequest]] = {}
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._beat_for_ever, name="heartbeat", daemon=True)
 
-    def hold(self, slot: slots.Slot, stop: StopRequest) -> None:
+    def hold(self, slot: trial_queue.Slot, stop: StopRequest) -> None:
         """Start to beat for a slot; ``stop`` is asked to finish its runs if another worker takes the slot over."""
         self._held[slot.claim] = (slot, stop)
 
-    def drop(self, slot: slots.Slot) -> None:
+    def drop(self, slot: trial_queue.Slot) -> None:
         """Stop to beat for a slot."""
         self._held.pop(slot.claim, None)
 
@@ -66,5 +66,5 @@ class Heartbeat:
 
     def _beat_once(self) -> None:
         for slot, stop in list(self._held.values()):
-            if not slots.beat(self._database, slot) and slot.claim in self._held:
+            if not trial_queue.beat(self._database, slot) and slot.claim in self._held:
                 stop.ask(FINISH_RUNS)

@@ -5,8 +5,8 @@ from typing import Any
 
 from optuna.trial import Trial
 
-from gtf_tune.store.patient_optuna import gathered
-from gtf_tune.store.slots import TrialResult
+from gtf_tune.store.optuna.retrying_storage import gathered
+from gtf_tune.store.trial_queue import TrialResult
 from gtf_tune.study import optuna_trials
 from gtf_tune.study.objective import SequenceScore
 from gtf_tune.study.reference import Reference

@@ -12,8 +12,8 @@ from gtf_tune.definition.loading import section_from_dict
 from gtf_tune.errors import DefinitionError, TrajectoryError
 from gtf_tune.store import runs, studies, validations
 from gtf_tune.store.database import Database
-from gtf_tune.store.slots import Slot
 from gtf_tune.store.trajectories import trajectories
+from gtf_tune.store.trial_queue import Slot
 from gtf_tune.store.validations import Validation
 from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence
 from gtf_tune.study.places import folder_of

@@ -11,9 +11,9 @@ from optuna.trial import Trial
 
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.store import runs, slots
-from gtf_tune.store.optuna_tables import with_optuna
-from gtf_tune.store.patient_optuna import gathered
+from gtf_tune.store import runs, trial_queue
+from gtf_tune.store.optuna.retrying_storage import gathered
+from gtf_tune.store.optuna.tables import with_optuna
 from gtf_tune.study import optuna_trials
 from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
 from gtf_tune.study.events import StudyListener, TrialEnd
@@ -41,7 +41,7 @@ class TrialRunner:
     heartbeat: Heartbeat
     ask_lock: threading.Lock
 
-    def run(self, slot: slots.Slot) -> None:
+    def run(self, slot: trial_queue.Slot) -> None:
         """Take a slot to its end.
 
         Whatever goes wrong on the way, finished runs are stored, and the slot is given back for the next worker.
@@ -56,16 +56,16 @@ class TrialRunner:
         try:
             end = self._run(slot, stop)
         except UpdateFinishedTrialError as error:  # another worker took the slot over, or someone told Optuna its end
-            slots.release(self.study.database, slot)
+            trial_queue.release(self.study.database, slot)
             raise Interrupted from error
         except BaseException:
-            slots.release(self.study.database, slot)
+            trial_queue.release(self.study.database, slot)
             raise
         finally:
             self.heartbeat.drop(slot)
         self.listener.trial_finished(end)
 
-    def _run(self, slot: slots.Slot, stop: StopRequest) -> TrialEnd:
+    def _run(self, slot: trial_queue.Slot, stop: StopRequest) -> TrialEnd:
         started = time.perf_counter()
         trial, options = self._ask(slot)
         reference = read_reference(self.study, slot.ordinal)
@@ -73,7 +73,7 @@ class TrialRunner:
         study = with_noise(self.study, self.study.sequences, source)
         scored = self._score(trial, TrialRuns(study, source, options, slot.ordinal), reference)
         database = self.study.database
-        if not slots.owns(database, slot):
+        if not trial_queue.owns(database, slot):
             raise Interrupted
         runs.link(database, slot.trial_id, scored.uses)
         wall_s = time.perf_counter() - started
@@ -85,13 +85,13 @@ class TrialRunner:
         result = trial_result(scored, wall_s)
         if self.study.mismatch:
             result = replace(result, detail={**result.detail, "version_mismatch": self.study.mismatch})
-        if not slots.finish(database, slot, result):
+        if not trial_queue.finish(database, slot, result):
             raise Interrupted
         optuna_trials.tell(self.study.optuna_study, trial.number, scored.score.value, result.state)
         stopped = result.message if result.state == "pruned" else ""
         return TrialEnd(slot.ordinal, options, scored.score, scored.noisy_runs, stopped)
 
-    def _ask(self, slot: slots.Slot) -> tuple[Trial, dict[str, OptionValue]]:
+    def _ask(self, slot: trial_queue.Slot) -> tuple[Trial, dict[str, OptionValue]]:
         study = self.study.optuna_study
         with self.ask_lock:
             study.sampler = make_sampler(self.study.definition.search, slot.ordinal, self.study.space)
@@ -102,14 +102,14 @@ class TrialRunner:
             # All of its options at once: of some alone, whoever takes the trial over would draw others for the rest.
             with gathered(trial.storage):
                 options = self.study.space.suggest(trial)
-        if not slots.attach_optuna_trial(self.study.database, slot, trial_id, trial.number, options):
+        if not trial_queue.attach_optuna_trial(self.study.database, slot, trial_id, trial.number, options):
             raise Interrupted
         gtf = self.study.definition.gtf
         planned = (gtf.clean_runs + self.sizing.first(is_nominal=slot.ordinal == 0)) * len(self.study.sequences)
         self.listener.trial_started(slot.ordinal, options, planned)
         return trial, options
 
-    def _create(self, slot: slots.Slot) -> int:
+    def _create(self, slot: trial_queue.Slot) -> int:
         """Create the Optuna trial of a slot: another one with the same options where someone else has ended the first.
 
         Whoever opens the storage with Optuna may do so: `optuna tell` is how a trial of a dead process is ended there.

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from gtf_tune.errors import DeletedError
 from gtf_tune.execution import Executor
-from gtf_tune.store import slots, studies, trials
+from gtf_tune.store import studies, trial_queue, trials
 from gtf_tune.store.workers import Worker, this_worker
 from gtf_tune.study import optuna_trials
 from gtf_tune.study.evaluation import Interrupted
@@ -111,7 +111,7 @@ class StudyWorker:
         if studies.state(self.study.database, self.study.record.id) == "stopped":
             stop.ask(FINISH_RUNS)
 
-    def _run(self, runner: TrialRunner, slot: slots.Slot) -> None:
+    def _run(self, runner: TrialRunner, slot: trial_queue.Slot) -> None:
         try:
             runner.run(slot)
         except Interrupted:
@@ -129,13 +129,13 @@ class StudyWorker:
         except DeletedError as deleted:
             raise deleted from error
 
-    def _next_slot(self) -> slots.Slot | None:
+    def _next_slot(self) -> trial_queue.Slot | None:
         """Return a slot to work on, or ``None`` where there is none now."""
         database, study_id = self.study.database, self.study.record.id
-        adopted = slots.adopt_stale(database, study_id, self.worker, self.grace_s)
+        adopted = trial_queue.adopt_stale(database, study_id, self.worker, self.grace_s)
         if adopted is not None:
             return adopted
-        return slots.claim_slot(database, study_id, self.study.budget, self.worker)
+        return trial_queue.claim_slot(database, study_id, self.study.budget, self.worker)
 
     def _tell_untold(self) -> None:
         """Tell Optuna the end of trials whose worker died between storing and telling it."""

@@ -16,7 +16,7 @@ from gtf_tune.execution.dask import DaskExecutor  # noqa: E402
 from gtf_tune.execution.dask_worker import DATA_ROOT_VARIABLE, checked_here  # noqa: E402
 from gtf_tune.sequence import load_sequence  # noqa: E402
 from gtf_tune.store.database import create_database  # noqa: E402
-from gtf_tune.store.digest import study_digest  # noqa: E402
+from gtf_tune.store.maintenance.digest import study_digest  # noqa: E402
 from gtf_tune.study.create import checked_definition, create_study, open_study  # noqa: E402
 from gtf_tune.study.worker import StudyWorker  # noqa: E402
 from tests.execution.doubles import Hanging, LosesItsHost, analytic, request_of  # noqa: E402

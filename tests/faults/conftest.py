@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from gtf_tune.store.database import open_database
-from gtf_tune.store.digest import study_digest
+from gtf_tune.store.maintenance.digest import study_digest
 from tests.cli.conftest import cli  # noqa: F401 (a fixture)
 from tests.faults import counted
 from tests.faults.disks import SmallDisk, mounted

@@ -20,7 +20,7 @@ import psutil
 from gtf_tune.execution import Executor, InlineExecutor, LocalExecutor, StageCache
 from gtf_tune.store import runs, studies, trials
 from gtf_tune.store.database import Database, create_database, open_database, wait_for_database
-from gtf_tune.store.digest import study_digest
+from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.serving import ServingRules, StudyServer
 from gtf_tune.study.stop import StopRequest, signals_to
@@ -193,7 +193,7 @@ class Disturbed:
 
 
 def _optuna_trials(database: Database) -> int:
-    from gtf_tune.store.optuna_tables import optuna_storage
+    from gtf_tune.store.optuna.tables import optuna_storage
 
     storage = optuna_storage(database)
     return storage.get_n_trials(storage.get_study_id_from_name(NAME))
@@ -203,9 +203,9 @@ def stored(database: Database) -> set[str]:
     """Return the identities of all stored runs that trials may use."""
     from sqlalchemy import select
 
-    from gtf_tune.store import models
-    from gtf_tune.store.rows import columns_of
-    from gtf_tune.store.session import read_rows
+    from gtf_tune.store.database import models
+    from gtf_tune.store.database.rows import columns_of
+    from gtf_tune.store.database.session import read_rows
 
     found = [runs.StoredRun(*row) for row in read_rows(database, select(*columns_of(models.Run, runs.StoredRun)))]
     return {counted.identity(run.seed, run.noise_seed, run.options) for run in found}
@@ -228,5 +228,5 @@ def wait_until(condition: Callable[[], object], timeout_s: float = PATIENCE_S) -
 
 CONTEXT = get_context("forkserver")
 CONTEXT.set_forkserver_preload(
-    ["tests.faults.disturbance", "optuna", "gtf_tune.store.patient_optuna", "gtf_tune.report.dashboard.sync"]
+    ["tests.faults.disturbance", "optuna", "gtf_tune.store.optuna.retrying_storage", "gtf_tune.report.dashboard.sync"]
 )

@@ -25,12 +25,12 @@ from gtf_tune.pipelines.analytic import create, expected_error, ground_truth, im
 from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.report.study_data import StudyData, read_study
-from gtf_tune.store import confirmations, runs, slots, studies, validations
+from gtf_tune.store import confirmations, runs, studies, trial_queue, validations
 from gtf_tune.store.database import Database, create_database, open_database
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import RunUse
-from gtf_tune.store.slots import Slot, TrialResult
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
+from gtf_tune.store.trial_queue import Slot, TrialResult
 from gtf_tune.store.validations import Validation
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.verdicts import ADOPT
@@ -177,7 +177,7 @@ class _Writer:
     nominal: dict[str, float] = field(default_factory=dict)
 
     def write_trial(self) -> None:
-        slot = slots.claim_slot(self.database, self.study.id, len(self.scene.options), this_worker())
+        slot = trial_queue.claim_slot(self.database, self.study.id, len(self.scene.options), this_worker())
         assert slot is not None
         options = dict(self.scene.options[slot.ordinal])
         state = self._state(slot.ordinal)
@@ -185,7 +185,7 @@ class _Writer:
         runs.link(self.database, slot.trial_id, [use for _, use, _ in uses])
         result = self._result(slot, uses, state)
         self._tell_optuna(slot, options, result)
-        slots.finish(self.database, slot, result)
+        trial_queue.finish(self.database, slot, result)
         if self.scene.with_truth:
             self._validate(slot, uses)
 
@@ -252,7 +252,7 @@ class _Writer:
         storage = self.optuna_study._storage
         trial_id = storage.create_new_trial(self.optuna_study._study_id, template_trial=trial)
         number = storage.get_trial(trial_id).number
-        slots.attach_optuna_trial(self.database, slot, trial_id, number, options)
+        trial_queue.attach_optuna_trial(self.database, slot, trial_id, number, options)
 
     def _validate(self, slot: Slot, uses: list[tuple[str, RunUse, Trajectory]]) -> None:
         found = []

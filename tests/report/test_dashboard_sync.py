@@ -19,7 +19,7 @@ from gtf_tune.report.dashboard.sync import DashboardSync
 from gtf_tune.report.study_data import read_search, read_trials
 from gtf_tune.store import trials
 from gtf_tune.store.database import Database, connect
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.optuna.tables import optuna_storage
 
 STUDY_ID = 1
 

@@ -17,7 +17,7 @@ from sqlalchemy import create_engine, make_url, text
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database, create_database, open_database
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
 from gtf_tune.trajectory import Trajectory
 

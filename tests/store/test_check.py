@@ -5,14 +5,14 @@ from sqlalchemy import text
 
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
-from gtf_tune.store import confirmations, runs, slots, studies
-from gtf_tune.store.check import check
+from gtf_tune.store import confirmations, runs, studies, trial_queue
 from gtf_tune.store.database import Database, open_database
-from gtf_tune.store.optuna_tables import delete_optuna_study, optuna_storage
+from gtf_tune.store.database.schema import REVISIONS
+from gtf_tune.store.maintenance.check import check
+from gtf_tune.store.optuna.tables import delete_optuna_study, optuna_storage
 from gtf_tune.store.runs import RunUse
-from gtf_tune.store.schema import REVISIONS
-from gtf_tune.store.slots import TrialResult
 from gtf_tune.store.studies import Study
+from gtf_tune.store.trial_queue import TrialResult
 from gtf_tune.store.workers import this_worker
 
 
@@ -27,13 +27,13 @@ def used(
     from optuna.trial import TrialState
 
     storage = optuna_storage(database)
-    slot = slots.claim_slot(database, study.id, 9, this_worker())
+    slot = trial_queue.claim_slot(database, study.id, 9, this_worker())
     assert slot is not None
     optuna_id = storage.create_new_trial(study.optuna_study_id)
-    slots.attach_optuna_trial(database, slot, optuna_id, 0, {})
+    trial_queue.attach_optuna_trial(database, slot, optuna_id, 0, {})
     saved = runs.save(database, make_request(), make_outcome())
     runs.link(database, slot.trial_id, [RunUse("desk", saved, reused=False)])
-    slots.finish(database, slot, TrialResult("complete", value=0.5, feasible=True))
+    trial_queue.finish(database, slot, TrialResult("complete", value=0.5, feasible=True))
     storage.set_trial_state_values(optuna_id, TrialState.COMPLETE, [0.5])
     return database
 

@@ -8,15 +8,16 @@ from sqlalchemy import text
 
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
-from gtf_tune.store import confirmations, optuna_copy, runs, slots, studies, trials, validations
-from gtf_tune.store.copy import copy_study
+from gtf_tune.store import confirmations, runs, studies, trial_queue, trials, validations
 from gtf_tune.store.database import Database, open_database
-from gtf_tune.store.digest import study_digest
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.maintenance.copy import copy_study
+from gtf_tune.store.maintenance.digest import study_digest
+from gtf_tune.store.optuna import copy
+from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import RunUse
-from gtf_tune.store.slots import TrialResult
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trajectories import trajectories
+from gtf_tune.store.trial_queue import TrialResult
 from gtf_tune.store.validations import Validation
 from gtf_tune.store.workers import this_worker
 
@@ -44,14 +45,16 @@ def fill(
     def make(database: Database) -> Study:
         study = make_study(database)
         for ordinal in range(3):
-            slot = slots.claim_slot(database, study.id, 9, this_worker())
+            slot = trial_queue.claim_slot(database, study.id, 9, this_worker())
             frozen = _optuna_trial(database, study, ordinal)
-            slots.attach_optuna_trial(database, slot, frozen._trial_id, frozen.number, {"a.b": 0.1 * ordinal})
+            trial_queue.attach_optuna_trial(database, slot, frozen._trial_id, frozen.number, {"a.b": 0.1 * ordinal})
             saved = runs.save(database, make_request("noisy", ordinal), make_outcome(ordinal))
             runs.link(database, slot.trial_id, [RunUse("desk", saved, reused=ordinal > 1)])
             validations.save(database, slot.trial_id, [Validation("desk", 0.1 / 3)])
             if ordinal < 2:
-                slots.finish(database, slot, TrialResult("complete", value=0.1, feasible=True, detail={"m": [0.1]}))
+                trial_queue.finish(
+                    database, slot, TrialResult("complete", value=0.1, feasible=True, detail={"m": [0.1]})
+                )
         confirmations.add(database, study.id, {"k": 1}, {"p": 0.5}, "keeps")
         return study
 
@@ -102,18 +105,18 @@ def test_a_copy_holds_everything(pair: tuple[Database, Database], fill: Callable
 @both_ways
 def test_a_copy_can_be_copied_back(pair: tuple[Database, Database], fill: Callable[[Database], Study]) -> None:
     source, target = pair
-    digest, optuna_digest = study_digest(source, fill(source).name), optuna_copy.optuna_digest(source, 1)
+    digest, optuna_digest = study_digest(source, fill(source).name), copy.optuna_digest(source, 1)
     copy_study(source, target, "room")
     studies.delete_study(source, "room")
     assert copy_study(target, source, "room") == digest
-    assert optuna_copy.optuna_digest(source, studies.get(source, "room").optuna_study_id) == optuna_digest
+    assert copy.optuna_digest(source, studies.get(source, "room").optuna_study_id) == optuna_digest
 
 
 def test_a_slot_in_work_is_free_in_the_copy(pair: tuple[Database, Database], fill: Callable[[Database], Study]) -> None:
     source, target = pair
     fill(source)
     copy_study(source, target, "room")
-    adopted = slots.adopt_stale(target, studies.get(target, "room").id, this_worker(), grace_s=1e9)
+    adopted = trial_queue.adopt_stale(target, studies.get(target, "room").id, this_worker(), grace_s=1e9)
     assert adopted is not None
     assert adopted.ordinal == 2
     assert optuna_storage(target).get_trial(adopted.optuna_trial_id).state == TrialState.RUNNING

@@ -11,9 +11,8 @@ import pytest
 from sqlalchemy import inspect, make_url, text
 
 from gtf_tune.errors import StorageError
-from gtf_tune.store import schema
-from gtf_tune.store.database import connect, create_database, open_database, upgrade_database
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.database import connect, create_database, open_database, schema, upgrade_database
+from gtf_tune.store.optuna.tables import optuna_storage
 
 
 def test_creating_makes_our_tables_beside_optunas(empty_storage: str) -> None:

@@ -9,10 +9,10 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 
 from gtf_tune.errors import StorageError
-from gtf_tune.store import schema, studies, trials
-from gtf_tune.store.check import check
-from gtf_tune.store.database import Database, open_database, upgrade_database
-from gtf_tune.store.models import TABLE_PREFIX, Base
+from gtf_tune.store import studies, trials
+from gtf_tune.store.database import Database, open_database, schema, upgrade_database
+from gtf_tune.store.database.models import TABLE_PREFIX, Base
+from gtf_tune.store.maintenance.check import check
 
 ASSETS = Path(__file__).parent / "assets"
 

@@ -9,9 +9,9 @@ from sqlalchemy import text
 
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
-from gtf_tune.store import runs, slots
-from gtf_tune.store.columns import Json, Words
+from gtf_tune.store import runs, trial_queue
 from gtf_tune.store.database import Database
+from gtf_tune.store.database.columns import Json, Words
 from gtf_tune.store.runs import RunTotals, RunUse
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trajectories import digest_of, trajectories
@@ -87,7 +87,7 @@ def test_another_trajectory_in_its_place_is_noticed(
 def test_linking_again_keeps_who_made_a_run(
     database: Database, study: Study, make_request: MakeRequest, make_outcome: MakeOutcome
 ) -> None:
-    slot = slots.claim_slot(database, study.id, 1, this_worker())
+    slot = trial_queue.claim_slot(database, study.id, 1, this_worker())
     assert slot is not None
     made = [runs.save(database, make_request(kind, 0), make_outcome()) for kind in ("clean", "noisy")]
 
@@ -106,7 +106,7 @@ def test_totals_count_what_a_study_made_and_reused(
     database: Database, study: Study, make_request: MakeRequest, make_outcome: MakeOutcome
 ) -> None:
     assert runs.totals(database, study.id) == RunTotals(0, 0, 0, 0.0, 0.0)
-    slot = slots.claim_slot(database, study.id, 1, this_worker())
+    slot = trial_queue.claim_slot(database, study.id, 1, this_worker())
     assert slot is not None
     for index, status in enumerate(["ok", "failed", "ok"]):
         saved = runs.save(database, make_request("noisy", index), make_outcome(status=status, wall_s=1.0 + index))

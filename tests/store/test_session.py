@@ -7,10 +7,10 @@ from sqlalchemy import text
 from sqlalchemy.orm import Session
 
 from gtf_tune.errors import StorageError
-from gtf_tune.store import engine, session, studies
-from gtf_tune.store.database import Database, open_database
-from gtf_tune.store.optuna_tables import optuna_storage, with_optuna
-from gtf_tune.store.session import read, read_rows, write
+from gtf_tune.store import studies
+from gtf_tune.store.database import Database, engine, open_database, session
+from gtf_tune.store.database.session import read, read_rows, write
+from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
 from gtf_tune.store.studies import Study
 
 ADD_NOTE = text("INSERT INTO note VALUES (1)")

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from sqlalchemy import text
 
-from gtf_tune.store import slots, trials
+from gtf_tune.store import trial_queue, trials
 from gtf_tune.store.database import Database, open_database
-from gtf_tune.store.slots import Slot, TrialResult
 from gtf_tune.store.studies import Study
+from gtf_tune.store.trial_queue import Slot, TrialResult
 from gtf_tune.store.workers import Worker, this_worker
 
 ELSEWHERE = Worker("there:1", "there", "another machine", 1, 1)
@@ -16,7 +16,7 @@ COMPLETE = TrialResult("complete", value=0.25, feasible=True, gtf_ate=0.25)
 
 
 def claim(database: Database, study: Study, budget: int = 9, worker: Worker = ELSEWHERE) -> Slot:
-    slot = slots.claim_slot(database, study.id, budget, worker)
+    slot = trial_queue.claim_slot(database, study.id, budget, worker)
     assert slot is not None
     return slot
 
@@ -28,19 +28,19 @@ def silence(database: Database, slot: Slot, seconds: float) -> None:
 
 
 def finish_nominal(database: Database, study: Study) -> None:
-    assert slots.finish(database, claim(database, study), COMPLETE)
+    assert trial_queue.finish(database, claim(database, study), COMPLETE)
 
 
 def test_slots_count_up_to_the_budget(database: Database, study: Study) -> None:
     finish_nominal(database, study)
-    taken = [slots.claim_slot(database, study.id, 3, ELSEWHERE) for _ in range(4)]
+    taken = [trial_queue.claim_slot(database, study.id, 3, ELSEWHERE) for _ in range(4)]
     assert [slot and slot.ordinal for slot in taken] == [1, 2, None, None]
 
 
 def test_no_slot_is_handed_out_while_the_nominal_trial_is_in_work(database: Database, study: Study) -> None:
     nominal = claim(database, study)
-    early = slots.claim_slot(database, study.id, 9, ELSEWHERE)
-    slots.finish(database, nominal, COMPLETE)
+    early = trial_queue.claim_slot(database, study.id, 9, ELSEWHERE)
+    trial_queue.finish(database, nominal, COMPLETE)
 
     assert early is None
     assert claim(database, study).ordinal == 1
@@ -53,7 +53,7 @@ def test_eight_workers_never_overshoot_a_budget(storage: str, make_study: Callab
 
     def work(database: Database) -> list[int]:
         taken = []
-        while (slot := slots.claim_slot(database, study.id, 40, this_worker())) is not None:
+        while (slot := trial_queue.claim_slot(database, study.id, 40, this_worker())) is not None:
             taken.append(slot.ordinal)
         return taken
 
@@ -67,17 +67,17 @@ def test_eight_workers_never_overshoot_a_budget(storage: str, make_study: Callab
 def test_a_beating_slot_is_not_adopted(database: Database, study: Study) -> None:
     slot = claim(database, study)
     silence(database, slot, 100)
-    assert slots.beat(database, slot)
-    assert slots.adopt_stale(database, study.id, this_worker(), grace_s=60) is None
+    assert trial_queue.beat(database, slot)
+    assert trial_queue.adopt_stale(database, study.id, this_worker(), grace_s=60) is None
 
 
 @pytest.mark.parametrize("seconds", [100, -100])
 def test_a_silent_slot_is_adopted_with_its_optuna_trial(database: Database, study: Study, seconds: float) -> None:
     slot = claim(database, study)
-    assert slots.attach_optuna_trial(database, slot, 7, 3, {"a.b": 0.1})
+    assert trial_queue.attach_optuna_trial(database, slot, 7, 3, {"a.b": 0.1})
     silence(database, slot, seconds)
 
-    adopted = slots.adopt_stale(database, study.id, this_worker(), grace_s=60)
+    adopted = trial_queue.adopt_stale(database, study.id, this_worker(), grace_s=60)
 
     assert adopted is not None
     expected = Slot(slot.trial_id, study.id, 0, adopted.claim, 2, 7, 3, {"a.b": 0.1})
@@ -88,26 +88,26 @@ def test_a_silent_slot_is_adopted_with_its_optuna_trial(database: Database, stud
 def test_a_worker_that_lost_its_slot_changes_nothing(database: Database, study: Study) -> None:
     lost = claim(database, study)
     silence(database, lost, 100)
-    kept = slots.adopt_stale(database, study.id, this_worker(), grace_s=60)
+    kept = trial_queue.adopt_stale(database, study.id, this_worker(), grace_s=60)
     assert kept is not None
 
-    assert not slots.beat(database, lost)
-    assert not slots.owns(database, lost)
-    assert not slots.attach_optuna_trial(database, lost, 1, 1, {})
-    assert not slots.release(database, lost)
-    assert not slots.finish(database, lost, replace(COMPLETE, value=9.0))
-    assert slots.finish(database, kept, COMPLETE)
-    assert not slots.finish(database, lost, replace(COMPLETE, value=9.0))
+    assert not trial_queue.beat(database, lost)
+    assert not trial_queue.owns(database, lost)
+    assert not trial_queue.attach_optuna_trial(database, lost, 1, 1, {})
+    assert not trial_queue.release(database, lost)
+    assert not trial_queue.finish(database, lost, replace(COMPLETE, value=9.0))
+    assert trial_queue.finish(database, kept, COMPLETE)
+    assert not trial_queue.finish(database, lost, replace(COMPLETE, value=9.0))
     assert trials.get(database, study.id, 0).value == 0.25
 
 
 def test_only_one_of_many_adopts_a_slot(storage: str, make_study: Callable[..., Study]) -> None:
     databases = [open_database(storage) for _ in range(8)]
     study = make_study(databases[0])
-    slots.release(databases[0], claim(databases[0], study))
+    trial_queue.release(databases[0], claim(databases[0], study))
 
     with ThreadPoolExecutor(8) as pool:
-        work = [pool.submit(slots.adopt_stale, one, study.id, ELSEWHERE, 60) for one in databases]
+        work = [pool.submit(trial_queue.adopt_stale, one, study.id, ELSEWHERE, 60) for one in databases]
         adopted = [one.result() for one in work]
     for database in databases:
         database.close()
@@ -117,8 +117,8 @@ def test_only_one_of_many_adopts_a_slot(storage: str, make_study: Callable[..., 
 
 def test_a_released_slot_is_adopted_at_once(database: Database, study: Study) -> None:
     slot = claim(database, study)
-    assert slots.release(database, slot)
-    adopted = slots.adopt_stale(database, study.id, this_worker(), grace_s=1e9)
+    assert trial_queue.release(database, slot)
+    adopted = trial_queue.adopt_stale(database, study.id, this_worker(), grace_s=1e9)
     assert adopted is not None
     assert adopted.ordinal == slot.ordinal
 
@@ -126,17 +126,17 @@ def test_a_released_slot_is_adopted_at_once(database: Database, study: Study) ->
 def test_a_slot_of_a_dead_process_of_this_machine_is_adopted_at_once(database: Database, study: Study) -> None:
     me = this_worker()
     claim(database, study, worker=replace(me, pid_started=me.pid_started - 1))
-    assert slots.adopt_stale(database, study.id, me, grace_s=1e9) is not None
+    assert trial_queue.adopt_stale(database, study.id, me, grace_s=1e9) is not None
 
 
 def test_a_slot_of_a_live_process_of_this_machine_is_left_alone(database: Database, study: Study) -> None:
     claim(database, study, worker=this_worker())
-    assert slots.adopt_stale(database, study.id, this_worker(), grace_s=1e9) is None
+    assert trial_queue.adopt_stale(database, study.id, this_worker(), grace_s=1e9) is None
 
 
 def test_a_finished_slot_stays_finished(database: Database, study: Study) -> None:
     slot = claim(database, study)
-    assert slots.finish(database, slot, COMPLETE)
-    assert slots.finish(database, slot, COMPLETE), "the answer to the first commit may have been lost"
-    assert not slots.release(database, slot)
-    assert slots.adopt_stale(database, study.id, this_worker(), grace_s=0) is None
+    assert trial_queue.finish(database, slot, COMPLETE)
+    assert trial_queue.finish(database, slot, COMPLETE), "the answer to the first commit may have been lost"
+    assert not trial_queue.release(database, slot)
+    assert trial_queue.adopt_stale(database, study.id, this_worker(), grace_s=0) is None

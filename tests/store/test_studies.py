@@ -6,12 +6,12 @@ import pytest
 
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
-from gtf_tune.store import confirmations, runs, slots, studies, trials, validations
+from gtf_tune.store import confirmations, runs, studies, trial_queue, trials, validations
 from gtf_tune.store.database import Database
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import RunUse, StoredRun
-from gtf_tune.store.slots import TrialResult
 from gtf_tune.store.studies import NewStudy, Study
+from gtf_tune.store.trial_queue import TrialResult
 from gtf_tune.store.validations import Validation
 from gtf_tune.store.workers import this_worker
 
@@ -19,10 +19,10 @@ MakeStudy = Callable[..., Study]
 
 
 def run_trial(database: Database, study: Study, value: float, **result: object) -> int:
-    slot = slots.claim_slot(database, study.id, 100, this_worker())
+    slot = trial_queue.claim_slot(database, study.id, 100, this_worker())
     assert slot is not None
     ended = TrialResult("complete", value=value, feasible=True, gtf_ate=value, wall_s=2.0, detail={"m": [value]})
-    assert slots.finish(database, slot, replace(ended, **result))
+    assert trial_queue.finish(database, slot, replace(ended, **result))
     return slot.trial_id
 
 
@@ -64,7 +64,7 @@ def test_summaries_count_trials_by_state(database: Database, make_study: MakeStu
     study, other = make_study(database, "a"), make_study(database, "b")
     for value, result in [(0.5, {}), (0.25, {}), (0.1, {"feasible": False}), (0.2, {"state": "pruned"})]:
         run_trial(database, study, value, **result)
-    slots.claim_slot(database, study.id, 100, this_worker())
+    trial_queue.claim_slot(database, study.id, 100, this_worker())
 
     first, second = studies.summaries(database)
 
@@ -125,11 +125,11 @@ def test_workers_see_open_studies_only(database: Database, make_study: MakeStudy
 def test_trials_that_optuna_was_not_told_of_are_found(database: Database, study: Study) -> None:
     storage = optuna_storage(database)
     for told in (True, False):
-        slot = slots.claim_slot(database, study.id, 9, this_worker())
+        slot = trial_queue.claim_slot(database, study.id, 9, this_worker())
         assert slot is not None
         optuna_id = storage.create_new_trial(study.optuna_study_id)
-        slots.attach_optuna_trial(database, slot, optuna_id, slot.ordinal, {})
-        slots.finish(database, slot, TrialResult("complete", value=1.0))
+        trial_queue.attach_optuna_trial(database, slot, optuna_id, slot.ordinal, {})
+        trial_queue.finish(database, slot, TrialResult("complete", value=1.0))
         if told:
             from optuna.trial import TrialState
 

@@ -14,11 +14,11 @@ from gtf_tune.errors import DeletedError
 from gtf_tune.execution import InlineExecutor, RunLimits
 from gtf_tune.pipelines import RunOutcome
 from gtf_tune.pipelines.run import RunRequest
-from gtf_tune.store import runs, slots, studies, trials, validations
-from gtf_tune.store.copy import copy_study
+from gtf_tune.store import runs, studies, trials, validations
 from gtf_tune.store.database import Database, create_database
-from gtf_tune.store.digest import study_digest
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.maintenance.copy import copy_study
+from gtf_tune.store.maintenance.digest import study_digest
+from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import StoredRun
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study import optuna_trials

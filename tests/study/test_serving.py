@@ -8,7 +8,7 @@ import pytest
 
 from gtf_tune.errors import StorageError
 from gtf_tune.execution import InlineExecutor
-from gtf_tune.store import slots, studies, trials
+from gtf_tune.store import studies, trial_queue, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import StoredRun
 from gtf_tune.store.workers import this_worker
@@ -163,7 +163,7 @@ def test_a_worker_that_waits_for_studies_ends_when_asked(database: Database) -> 
 def test_a_worker_takes_over_from_one_that_dies_late(database: Database, create: Create) -> None:
     study = create()
     elsewhere = replace(this_worker("there"), machine="another machine")
-    slot = slots.claim_slot(database, study.id, 3, elsewhere)
+    slot = trial_queue.claim_slot(database, study.id, 3, elsewhere)
     assert slot is not None
 
     serve(database, ServingRules(grace_s=0.3))

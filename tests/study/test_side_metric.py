@@ -12,7 +12,7 @@ from gtf_tune.metrics import RpeSettings, rpe
 from gtf_tune.pipelines import analytic
 from gtf_tune.store import runs, studies, trials, validations
 from gtf_tune.store.database import Database
-from gtf_tune.store.digest import study_digest
+from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.validations import Validation
 from gtf_tune.study.side_metric import changed_side_metric, recompute_side_metric

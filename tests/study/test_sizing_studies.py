@@ -8,8 +8,8 @@ from optuna.trial import TrialState
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database, create_database
-from gtf_tune.store.digest import study_digest
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.maintenance.digest import study_digest
+from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.study.create import checked_definition, create_study, open_study
 from gtf_tune.study.sizing_savings import runs_saved
 from gtf_tune.study.worker import StudyWorker

@@ -12,8 +12,8 @@ from gtf_tune.execution import InlineExecutor
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import runs, studies, trials, validations
 from gtf_tune.store.database import Database, create_database
-from gtf_tune.store.digest import study_digest
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.maintenance.digest import study_digest
+from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study import optuna_trials
 from gtf_tune.study.create import checked_definition, create_study, open_study
@@ -235,11 +235,11 @@ def test_the_slot_of_a_dead_worker_is_adopted_with_its_optuna_trial(
     create_study(database, checked_definition(definition_of(room), "test"), room)
     study_id = studies.get(database, "small").id
     dead = this_worker("dead")
-    from gtf_tune.store import slots
+    from gtf_tune.store import trial_queue
 
-    slot = slots.claim_slot(database, study_id, 8, dead)
+    slot = trial_queue.claim_slot(database, study_id, 8, dead)
     assert slot is not None
-    slots.release(database, slot)
+    trial_queue.release(database, slot)
 
     run_study(definition_of(room))
 

@@ -15,7 +15,7 @@ from gtf_tune.report.dashboard.place import artifact_folder, artifact_store
 from gtf_tune.report.dashboard.upkeep import Upkeep
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.optuna.tables import optuna_storage
 
 DEFAULT_HOST = "127.0.0.1"
 DEFAULT_PORT = 8080

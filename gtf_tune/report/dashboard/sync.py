@@ -23,8 +23,8 @@ from gtf_tune.report.tables.verdict import study_verdict
 from gtf_tune.report.units import definition_unit
 from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
-from gtf_tune.store.faults import storage_error
-from gtf_tune.store.optuna_tables import optuna_storage
+from gtf_tune.store.database.errors import storage_error
+from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.study.events import Silent, TrialEnd
 from gtf_tune.study.export import setting_files
 from gtf_tune.version import __version__

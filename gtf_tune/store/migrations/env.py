@@ -2,8 +2,8 @@
 
 from alembic import context
 
-from gtf_tune.store.models import TABLE_PREFIX, Base
-from gtf_tune.store.schema import VERSION_TABLE
+from gtf_tune.store.database.models import TABLE_PREFIX, Base
+from gtf_tune.store.database.schema import VERSION_TABLE
 
 
 def include_name(name: str | None, kind: str, parents: object) -> bool:

@@ -12,7 +12,7 @@ from pathlib import Path
 from sqlalchemy import Engine, column, inspect, select, table, text
 from sqlalchemy.engine import URL
 
-from gtf_tune.store.engine import READ_ONLY, untuned_arguments
+from gtf_tune.store.database.engine import READ_ONLY, untuned_arguments
 
 VERSION_TABLE = "gtf_alembic_version"
 REVISIONS = ("0001",)

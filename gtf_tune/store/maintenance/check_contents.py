@@ -7,10 +7,9 @@ from sqlalchemy import Column, Text, inspect, select, type_coerce
 from sqlalchemy.orm import Session
 
 from gtf_tune.errors import StorageError
-from gtf_tune.store import models
-from gtf_tune.store.columns import Json
-from gtf_tune.store.database import Database
-from gtf_tune.store.session import read
+from gtf_tune.store.database import Database, models
+from gtf_tune.store.database.columns import Json
+from gtf_tune.store.database.session import read
 
 _ROWS_AT_ONCE = 500
 

@@ -11,10 +11,10 @@ from sqlalchemy.engine import URL
 from sqlalchemy.exc import SQLAlchemyError
 
 from gtf_tune.errors import StorageError, UnreachableError
-from gtf_tune.store.engine import READ_ONLY, make_engine
-from gtf_tune.store.faults import storage_error
-from gtf_tune.store.schema import REVISIONS, create_schema, current_revision, fault_of_revision, upgrade_schema
-from gtf_tune.store.urls import display_url, parse_url
+from gtf_tune.store.database.engine import READ_ONLY, make_engine
+from gtf_tune.store.database.errors import storage_error
+from gtf_tune.store.database.schema import REVISIONS, create_schema, current_revision, fault_of_revision, upgrade_schema
+from gtf_tune.store.database.urls import display_url, parse_url
 
 Result = TypeVar("Result")
 

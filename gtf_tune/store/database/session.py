@@ -9,8 +9,8 @@ from sqlalchemy import Engine, Executable
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from gtf_tune.store.database import Database
-from gtf_tune.store.faults import is_transient, storage_error
+from gtf_tune.store.database.errors import is_transient, storage_error
+from gtf_tune.store.database.handle import Database
 
 Result = TypeVar("Result")
 

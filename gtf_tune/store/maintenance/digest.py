@@ -3,9 +3,9 @@
 from sqlalchemy import select
 
 from gtf_tune.pipelines.run import digest
-from gtf_tune.store import models, studies, trials, validations
-from gtf_tune.store.database import Database
-from gtf_tune.store.session import read_rows
+from gtf_tune.store import studies, trials, validations
+from gtf_tune.store.database import Database, models
+from gtf_tune.store.database.session import read_rows
 
 
 def study_digest(database: Database, name: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from sqlalchemy import BigInteger, ForeignKey, Index, LargeBinary, MetaData, String, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-from gtf_tune.store.columns import Json, Real, Seed, Words
+from gtf_tune.store.database.columns import Json, Real, Seed, Words
 
 TABLE_PREFIX = "gtf_"
 

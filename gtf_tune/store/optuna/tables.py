@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, TypeVar
 
 from gtf_tune.errors import StorageError
 from gtf_tune.store.database import Database
-from gtf_tune.store.engine import shared_arguments
-from gtf_tune.store.schema import optuna_url
-from gtf_tune.store.session import patiently
+from gtf_tune.store.database.engine import shared_arguments
+from gtf_tune.store.database.schema import optuna_url
+from gtf_tune.store.database.session import patiently
 
 if TYPE_CHECKING:
     from optuna.storages import RDBStorage
@@ -32,7 +32,7 @@ def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: 
     """
     from optuna.exceptions import ExperimentalWarning
 
-    from gtf_tune.store.patient_optuna import PatientStorage
+    from gtf_tune.store.optuna.retrying_storage import PatientStorage
 
     def connect() -> "RDBStorage":
         return PatientStorage(
@@ -73,7 +73,7 @@ def _head_revision() -> str:
 def with_optuna(database: Database, work: Callable[[], Result]) -> Result:
     """Return what ``work`` gets from Optuna, trying again after faults of the database that may pass.
 
-    ``work`` must be idempotent, like a unit of work of `gtf_tune.store.session.write`.
+    ``work`` must be idempotent, like a unit of work of `gtf_tune.store.database.session.write`.
 
     Raises
     ------

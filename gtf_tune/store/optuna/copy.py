@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import digest
 from gtf_tune.store.database import Database
-from gtf_tune.store.optuna_tables import optuna_storage, with_optuna
+from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial

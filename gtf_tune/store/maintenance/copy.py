@@ -8,15 +8,15 @@ from sqlalchemy import ColumnElement, Table, insert, select
 from sqlalchemy.orm import Session
 
 from gtf_tune.errors import StorageError
-from gtf_tune.store import confirmations, models, studies
-from gtf_tune.store.database import Database
-from gtf_tune.store.digest import study_digest
-from gtf_tune.store.optuna_copy import copy_optuna_study, create_optuna_study, optuna_digest
-from gtf_tune.store.rows import chunks
-from gtf_tune.store.session import read, read_rows, write
+from gtf_tune.store import confirmations, studies
+from gtf_tune.store.database import Database, models
+from gtf_tune.store.database.rows import chunks
+from gtf_tune.store.database.session import read, read_rows, write
+from gtf_tune.store.database.urls import place_of
+from gtf_tune.store.maintenance.digest import study_digest
+from gtf_tune.store.optuna.copy import copy_optuna_study, create_optuna_study, optuna_digest
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trajectories import checked_trajectory, trajectories
-from gtf_tune.store.urls import place_of
 
 Row = dict[str, Any]
 

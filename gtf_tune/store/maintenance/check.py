@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from sqlalchemy import Select, func, select, text
 
 from gtf_tune.errors import StorageError
-from gtf_tune.store import models, studies, trials
-from gtf_tune.store.check_contents import check_tables, unreadable
-from gtf_tune.store.database import Database
-from gtf_tune.store.optuna_tables import optuna_storage
-from gtf_tune.store.rows import chunks
-from gtf_tune.store.schema import current_revision
-from gtf_tune.store.session import read_rows
+from gtf_tune.store import studies, trials
+from gtf_tune.store.database import Database, models
+from gtf_tune.store.database.rows import chunks
+from gtf_tune.store.database.schema import current_revision
+from gtf_tune.store.database.session import read_rows
+from gtf_tune.store.maintenance.check_contents import check_tables, unreadable
+from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.trajectories import trajectories
 
 

@@ -18,7 +18,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
 from gtf_tune.store.database import Database
-from gtf_tune.store.optuna_tables import with_optuna
+from gtf_tune.store.optuna.tables import with_optuna
 
 SLOT_KEY = "gtf_tune:slot"
 """System attribute that says which slot of a study's budget a trial belongs to."""

@@ -13,10 +13,9 @@ from sqlalchemy import ColumnElement, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from gtf_tune.pipelines.options import OptionValue
-from gtf_tune.store import models
-from gtf_tune.store.clock import DatabaseClock
-from gtf_tune.store.database import Database
-from gtf_tune.store.session import read, write
+from gtf_tune.store.database import Database, models
+from gtf_tune.store.database.clock import DatabaseClock
+from gtf_tune.store.database.session import read, write
 from gtf_tune.store.workers import Worker, has_died
 
 TrialState = Literal["claimed", "complete", "pruned", "failed"]

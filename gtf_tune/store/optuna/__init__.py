@@ -1,0 +1,1 @@
+"""All that knows the tables and the private names of Optuna."""
