@@ -31,7 +31,7 @@ def make_executor(jobs: int, cache_dir: Path | None, address: str = "local", *, 
     from gtf_tune.execution import FreshStages, LocalExecutor, StageCache, default_cache_folder
 
     if address.startswith(_DASK):
-        from gtf_tune.execution.dask import DaskExecutor
+        from gtf_tune.execution.dask.executor import DaskExecutor
 
         executor = DaskExecutor("tcp://" + address.removeprefix(_DASK), keep_stages=not no_cache)
         # Dask prints tracebacks when a scheduler goes away, which we say in one sentence.

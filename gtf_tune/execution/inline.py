@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Self
 
 from gtf_tune.execution.base import RunLimits
-from gtf_tune.execution.child import execute
 from gtf_tune.execution.paths import RunPaths
+from gtf_tune.execution.run_in_child import execute
 from gtf_tune.execution.stages import FreshStages, StageStore
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
 

@@ -17,8 +17,8 @@ from pebble import ProcessExpired, ProcessPool
 
 from gtf_tune.errors import StorageError
 from gtf_tune.execution.base import RunLimits
-from gtf_tune.execution.child import execute_in_worker, versions_of
 from gtf_tune.execution.paths import RunPaths, Scratch, default_cache_folder
+from gtf_tune.execution.run_in_child import execute_in_worker, versions_of
 from gtf_tune.execution.stages import FreshStages, StageStore
 from gtf_tune.execution.workers import Workers
 from gtf_tune.pipelines.run import RunOutcome, RunRequest

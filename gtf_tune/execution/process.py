@@ -13,7 +13,7 @@ from pathlib import Path
 
 from gtf_tune.errors import StorageError
 
-_WARDEN = Path(__file__).with_name("warden.py")
+_WARDEN = Path(__file__).with_name("watchdog.py")
 _KIB = 1024
 
 

@@ -12,8 +12,8 @@ distributed = pytest.importorskip("distributed", reason="the extra [dask] is not
 from gtf_tune.cli.executors import make_executor  # noqa: E402
 from gtf_tune.errors import DefinitionError, SequenceError, StorageError  # noqa: E402
 from gtf_tune.execution import InlineExecutor, RunLimits  # noqa: E402
-from gtf_tune.execution.dask import DaskExecutor  # noqa: E402
-from gtf_tune.execution.dask_worker import DATA_ROOT_VARIABLE, checked_here  # noqa: E402
+from gtf_tune.execution.dask.executor import DaskExecutor  # noqa: E402
+from gtf_tune.execution.dask.worker import DATA_ROOT_VARIABLE, checked_here  # noqa: E402
 from gtf_tune.sequence import load_sequence  # noqa: E402
 from gtf_tune.store.database import create_database  # noqa: E402
 from gtf_tune.store.maintenance.digest import study_digest  # noqa: E402
@@ -72,7 +72,6 @@ def test_what_no_worker_has_begun_can_be_cancelled(executor: DaskExecutor, tmp_p
 
 
 def test_a_scheduler_that_does_not_answer_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    from gtf_tune.execution import dask
 
     monkeypatch.setattr(dask, "_CONNECT_TIMEOUT_S", 0.2)
     with pytest.raises(DefinitionError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):

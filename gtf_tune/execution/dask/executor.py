@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from gtf_tune.errors import DefinitionError, StorageError
 from gtf_tune.execution.base import RunLimits
-from gtf_tune.execution.child import versions_of
+from gtf_tune.execution.run_in_child import versions_of
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.trajectory import Trajectory
 
@@ -52,7 +52,7 @@ class DaskExecutor:
             raise DefinitionError(
                 f"--executor dask:// needs the package '{error.name}'; run pip install 'gtf-tune[dask]'"
             ) from error
-        from gtf_tune.execution.dask_worker import PLUGIN, RunHost, package_versions
+        from gtf_tune.execution.dask.worker import PLUGIN, RunHost, package_versions
 
         self._address = address
         self._versions = package_versions()
@@ -93,7 +93,7 @@ class DaskExecutor:
         self._client.close(timeout=_FAREWELL_S)
 
     def _send(self, item: _Item) -> None:
-        from gtf_tune.execution.dask_worker import run_on_worker
+        from gtf_tune.execution.dask.worker import run_on_worker
 
         item.tries += 1
         # pure=False: equal requests stay separate tasks, so that cancelling one leaves the other alone.

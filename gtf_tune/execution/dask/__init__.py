@@ -1,0 +1,1 @@
+"""Run on the workers of a Dask cluster."""
