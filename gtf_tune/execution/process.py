@@ -13,7 +13,7 @@ from pathlib import Path
 
 from gtf_tune.errors import StorageError
 
-_WARDEN = Path(__file__).with_name("watchdog.py")
+_WATCHDOG = Path(__file__).with_name("watchdog.py")
 _KIB = 1024
 
 
@@ -25,7 +25,7 @@ def initialise_worker() -> None:
     os.environ["OMP_NUM_THREADS"] = "1"
     if hasattr(os, "pidfd_open"):
         os.setpgid(0, 0)
-        _set_warden()
+        _set_watchdog()
 
 
 @contextlib.contextmanager
@@ -46,8 +46,8 @@ def interrupts_withheld() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _set_warden() -> None:
-    """Start a process that kills this process's group when it or its parent is gone (Linux; see `warden`).
+def _set_watchdog() -> None:
+    """Start a process that kills this process's group when it or its parent is gone (Linux; see `watchdog`).
 
     PR_SET_PDEATHSIG would be simpler, but it fires when the *thread* ends that started this process.
     """
@@ -59,7 +59,7 @@ def _set_warden() -> None:
     except ProcessLookupError:
         os._exit(1)
     subprocess.Popen(
-        [sys.executable, "-I", "-S", str(_WARDEN), str(os.getpgid(0)), *map(str, watched)],
+        [sys.executable, "-I", "-S", str(_WATCHDOG), str(os.getpgid(0)), *map(str, watched)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -4,7 +4,7 @@ This file is run as a script by a bare interpreter (standard library only), besi
 worker and the process that owns the executor by descriptors that the kernel makes readable when they end in whatever
 way, SIGKILL included. What the worker's run has started is in the worker's group and ends with it.
 
-Usage: warden.py GROUP PIDFD ...
+Usage: watchdog.py GROUP PIDFD ...
 """
 
 import contextlib

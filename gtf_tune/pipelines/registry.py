@@ -18,11 +18,11 @@ ENTRY_POINT_GROUP = "gtf_tune.pipelines"
 _BUILT_IN = MappingProxyType(
     {
         "analytic": "gtf_tune.pipelines.analytic:create",
-        "colmap": "gtf_tune.pipelines.colmap:create",
-        "colmap-hierarchical": "gtf_tune.pipelines.colmap:create_hierarchical",
+        "colmap": "gtf_tune.pipelines.colmap.incremental:create",
+        "colmap-hierarchical": "gtf_tune.pipelines.colmap.incremental:create_hierarchical",
         "command": "gtf_tune.pipelines.command:create",
         "droid-slam": "gtf_tune.pipelines.droid_slam:create",
-        "glomap": "gtf_tune.pipelines.glomap:create",
+        "glomap": "gtf_tune.pipelines.colmap.glomap:create",
     }
 )
 _NO_SETTINGS: Mapping[str, object] = MappingProxyType({})

@@ -10,7 +10,7 @@ from types import MappingProxyType
 from gtf_tune.definition import StudyDefinition
 from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import OptionValue, option_text
-from gtf_tune.pipelines.colmap_flags import command_of, commands_of, flag_of
+from gtf_tune.pipelines.colmap.flags import command_of, commands_of, flag_of
 
 _COLMAP_FORMATS = ("colmap-ini", "colmap-cli")
 _OTHER_FORMATS = ("json", "csv", "tum")

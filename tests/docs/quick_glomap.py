@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from gtf_tune.pipelines import PipelineJob, PipelineOutput, analytic
-from gtf_tune.pipelines.glomap import GlomapPipeline
-from gtf_tune.pipelines.glomap import create as create_glomap
+from gtf_tune.pipelines.colmap.glomap import GlomapPipeline
+from gtf_tune.pipelines.colmap.glomap import create as create_glomap
 
 
 class QuickGlomap(GlomapPipeline):

@@ -182,7 +182,7 @@ def test_a_share_of_the_runs_can_fail() -> None:
 
 @pytest.mark.parametrize(("failure", "code"), [("exit", 3), ("abort", -6), ("segfault", -11)])
 def test_a_run_can_take_its_process_with_it(failure: str, code: int) -> None:
-    script = f"from gtf_tune.pipelines.analytic_failures import FAILURES; FAILURES['{failure}']()"
+    script = f"from gtf_tune.pipelines.analytic.failures import FAILURES; FAILURES['{failure}']()"
 
     done = subprocess.run([sys.executable, "-c", script], check=False, capture_output=True)
 

@@ -13,7 +13,7 @@ import pytest
 
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.pipelines.analytic import imaginary_sequence
-from gtf_tune.pipelines.colmap_flags import flag_of
+from gtf_tune.pipelines.colmap.flags import flag_of
 from gtf_tune.pipelines.command import create, load_preset, preset_names
 from gtf_tune.sequence import Camera, Sequence
 from gtf_tune.testing import ContractCase, FolderStages

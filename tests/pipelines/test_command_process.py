@@ -13,8 +13,8 @@ import pytest
 
 from gtf_tune.errors import RunError
 from gtf_tune.pipelines.command import process
+from gtf_tune.pipelines.command.cuda_lock import cuda_device, cuda_lock
 from gtf_tune.pipelines.command.process import ProgramExit, check_exit, run_program
-from gtf_tune.pipelines.cuda_lock import cuda_device, cuda_lock
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="subreapers and /proc are Linux's")
 

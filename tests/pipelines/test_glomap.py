@@ -10,9 +10,9 @@ import pytest
 from gtf_tune.errors import RunError
 from gtf_tune.metrics import ate
 from gtf_tune.pipelines import PipelineOutput, create_pipeline
-from gtf_tune.pipelines.pycolmap_database import copy_database
-from gtf_tune.pipelines.pycolmap_family import run_to_models, trajectory_of
-from gtf_tune.pipelines.pycolmap_stages import DATABASE, StagedRun
+from gtf_tune.pipelines.colmap.database import copy_database
+from gtf_tune.pipelines.colmap.family import run_to_models, trajectory_of
+from gtf_tune.pipelines.colmap.stages import DATABASE, StagedRun
 from gtf_tune.sequence import Sequence
 from gtf_tune.testing import ContractCase, FolderStages, PipelineContract
 from gtf_tune.trajectory import to_bytes

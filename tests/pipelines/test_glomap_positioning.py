@@ -8,8 +8,8 @@ import numpy as np
 import pycolmap
 import pytest
 
-from gtf_tune.pipelines.glomap_positioning import SplitRefused, map_from_positions, positioning_options, store_positions
-from gtf_tune.pipelines.pycolmap_family import run_to_models
+from gtf_tune.pipelines.colmap.family import run_to_models
+from gtf_tune.pipelines.colmap.positioning import SplitRefused, map_from_positions, positioning_options, store_positions
 
 Change = Callable[[Any], None]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pycolmap
 import pytest
 
-from gtf_tune.pipelines.pycolmap_database import add_rows, copy_database, copy_rows, make_plain
+from gtf_tune.pipelines.colmap.database import add_rows, copy_database, copy_rows, make_plain
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 
 from gtf_tune.errors import OptionError
 from gtf_tune.pipelines import OptionSpec, OptionTable, create_pipeline
-from gtf_tune.pipelines.pycolmap_options import OptionRoot, OptionTree, read_tree
+from gtf_tune.pipelines.colmap.options import OptionRoot, OptionTree, read_tree
 
 EXTRACTION = {"extraction": OptionRoot("FeatureExtractionOptions", "features", {(): "extraction"})}
 GLOMAP = {"mapping": OptionRoot("GlobalPipelineOptions", "mapping", {(): "pipeline", ("mapper",): "mapper"})}

@@ -13,8 +13,8 @@ import pytest
 from gtf_tune.errors import OptionError, RunError
 from gtf_tune.pipelines import OptionValue, PipelineJob, create_pipeline
 from gtf_tune.pipelines.analytic import imaginary_sequence
-from gtf_tune.pipelines.pycolmap_database import copy_database
-from gtf_tune.pipelines.pycolmap_stages import StagedRun
+from gtf_tune.pipelines.colmap.database import copy_database
+from gtf_tune.pipelines.colmap.stages import StagedRun
 from gtf_tune.sequence import Camera, ImageSource, Sequence
 from gtf_tune.testing import ContractCase, FolderStages
 

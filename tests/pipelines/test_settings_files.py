@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from gtf_tune.errors import DefinitionError
-from gtf_tune.pipelines.settings_files import FORMATS, SettingValue, format_of, write_values
+from gtf_tune.pipelines.command.settings_files import FORMATS, SettingValue, format_of, write_values
 
 OPENCV = """%YAML:1.0
 

@@ -9,7 +9,7 @@ from gtf_tune.definition import StudyDefinition, definition_from_dict, load_defi
 from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import OptionTable
 from gtf_tune.pipelines.command import load_preset
-from gtf_tune.pipelines.command.faults import read_command
+from gtf_tune.pipelines.command.checks import read_command
 from gtf_tune.pipelines.droid_slam.options import OPTIONS
 from gtf_tune.store import studies
 from gtf_tune.store.database import create_database

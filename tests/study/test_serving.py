@@ -136,7 +136,7 @@ def test_another_version_is_refused_or_recorded_as_asked(
     database: Database, create: Create, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     study = create()
-    monkeypatch.setattr("gtf_tune.pipelines.analytic.VERSION", "2")
+    monkeypatch.setattr("gtf_tune.pipelines.analytic.pipeline.VERSION", "2")
 
     (refused,) = serve(database)
     serve(database, ServingRules(allow_version_mismatch=True))

@@ -7,8 +7,8 @@ from pydantic import Field, field_validator, model_validator
 
 from gtf_tune.definition.base import Section
 from gtf_tune.pipelines.command.camera import DISTORTION
+from gtf_tune.pipelines.command.settings_files import FORMATS
 from gtf_tune.pipelines.options import OptionSpec
-from gtf_tune.pipelines.settings_files import FORMATS
 
 Scalar = bool | int | float | str
 Arguments = tuple[str | tuple[str, ...], ...]

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from gtf_tune.errors import DefinitionError, OptionError
 from gtf_tune.pipelines.command.definition import CommandDefinition, OptionDefinition, SettingsFileDefinition
+from gtf_tune.pipelines.command.settings_files import FORMATS, SettingValue, format_of, missing_keys
 from gtf_tune.pipelines.command.templates import NoValueError, Value, filled
 from gtf_tune.pipelines.options import OptionSpec, OptionTable, OptionValue
-from gtf_tune.pipelines.settings_files import FORMATS, SettingValue, format_of, missing_keys
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.command.camera import camera_values
 from gtf_tune.pipelines.command.definition import CommandDefinition, FileDefinition, ImagesDefinition, Scalar
 from gtf_tune.pipelines.command.resolution import ResolvedCommand
+from gtf_tune.pipelines.command.settings_files import format_of, write_values
 from gtf_tune.pipelines.command.templates import NoValueError, Value, filled
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.pipelines.run import digest
-from gtf_tune.pipelines.settings_files import format_of, write_values
 from gtf_tune.sequence import Frame
 
 _NANOSECONDS = 10**9

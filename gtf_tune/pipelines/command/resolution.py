@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from gtf_tune.errors import DefinitionError, did_you_mean, numbered
+from gtf_tune.pipelines.command.checks import read_command
 from gtf_tune.pipelines.command.definition import CommandDefinition, ParameterDefinition, words_of
-from gtf_tune.pipelines.command.faults import read_command
 from gtf_tune.pipelines.command.file_defaults import with_file_defaults
-from gtf_tune.pipelines.command.presets import load_preset, preset_names
+from gtf_tune.pipelines.command.preset_files import load_preset, preset_names
 from gtf_tune.pipelines.command.programs import program_faults, program_version
 from gtf_tune.pipelines.command.templates import Value
 from gtf_tune.pipelines.file_digest import file_digest

@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from gtf_tune.pipelines.base import DiagnosticValue, PipelineJob
+from gtf_tune.pipelines.command.cuda_lock import cuda_device, cuda_lock
 from gtf_tune.pipelines.command.definition import (
     TIME_FIELDS,
     OptionDefinition,
@@ -22,7 +23,6 @@ from gtf_tune.pipelines.command.inputs import RunInputs
 from gtf_tune.pipelines.command.process import check_exit, run_program
 from gtf_tune.pipelines.command.resolution import ResolvedCommand
 from gtf_tune.pipelines.command.templates import Value, fields_of, filled, filled_arguments
-from gtf_tune.pipelines.cuda_lock import cuda_device, cuda_lock
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.pipelines.run import digest
 from gtf_tune.pipelines.stage_clock import StageClock

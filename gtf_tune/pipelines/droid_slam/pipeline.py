@@ -13,10 +13,10 @@ from typing import Any
 from gtf_tune.errors import DefinitionError, RunError
 from gtf_tune.pipelines.base import DiagnosticValue, PipelineJob, PipelineOutput
 from gtf_tune.pipelines.command.camera import DISTORTION, opencv_camera
+from gtf_tune.pipelines.command.cuda_lock import cuda_device, cuda_lock
 from gtf_tune.pipelines.command.definition import OutputDefinition
 from gtf_tune.pipelines.command.output import read_output
 from gtf_tune.pipelines.command.process import ProgramExit, check_exit, run_program
-from gtf_tune.pipelines.cuda_lock import cuda_device, cuda_lock
 from gtf_tune.pipelines.droid_slam.options import OPTIONS
 from gtf_tune.pipelines.file_digest import file_digest
 from gtf_tune.pipelines.options import OptionTable

@@ -11,7 +11,7 @@ _SUFFIX = ".toml"
 
 def preset_names() -> tuple[str, ...]:
     """Return the names of all presets, sorted."""
-    folder = files("gtf_tune.pipelines") / "presets"
+    folder = files("gtf_tune.pipelines.command") / "presets"
     return tuple(sorted(one.name.removesuffix(_SUFFIX) for one in folder.iterdir() if one.name.endswith(_SUFFIX)))
 
 
@@ -20,5 +20,5 @@ def load_preset(name: str) -> dict[str, Any]:
     if name not in preset_names():
         hint = did_you_mean(name, preset_names(), cutoff=0.4, otherwise=f"known are {', '.join(preset_names())}")
         raise DefinitionError(f"there is no preset '{name}'; {hint}")
-    path = files("gtf_tune.pipelines") / "presets" / f"{name}{_SUFFIX}"
+    path = files("gtf_tune.pipelines.command") / "presets" / f"{name}{_SUFFIX}"
     return tomllib.loads(path.read_text(encoding="utf-8"))

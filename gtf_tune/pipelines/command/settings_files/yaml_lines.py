@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from gtf_tune.errors import DefinitionError
-from gtf_tune.pipelines.settings_files.scalars import read_scalar
+from gtf_tune.pipelines.command.settings_files.scalars import read_scalar
 
 _OPENCV = re.compile(r"\ufeff?%YAML[: ]1\.0")
 _KEY = re.compile(r"""(?P<indent> *)(?P<key>"[^"]*"|'[^']*'|[^\s#'"\[\]{},&*!|>%@`?-][^#]*?)\s*:(?=\s|$)""")

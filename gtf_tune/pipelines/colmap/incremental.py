@@ -5,9 +5,9 @@ from typing import Any, ClassVar
 
 import pycolmap
 
-from gtf_tune.pipelines.pycolmap_family import PycolmapPipeline, pycolmap_version, run_to_models, settings_of
-from gtf_tune.pipelines.pycolmap_options import OptionRoot
-from gtf_tune.pipelines.pycolmap_stages import StagedRun
+from gtf_tune.pipelines.colmap.family import PycolmapPipeline, pycolmap_version, run_to_models, settings_of
+from gtf_tune.pipelines.colmap.options import OptionRoot
+from gtf_tune.pipelines.colmap.stages import StagedRun
 
 
 class ColmapPipeline(PycolmapPipeline):

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from gtf_tune.errors import DefinitionError, did_you_mean
-from gtf_tune.pipelines.settings_files import ini_lines, json_spans, toml_lines, yaml_lines
+from gtf_tune.pipelines.command.settings_files import ini_lines, json_spans, toml_lines, yaml_lines
 
 SettingValue = bool | int | float | str
 

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gtf_tune.errors import DefinitionError, RunError
-from gtf_tune.pipelines.analytic_failures import FAILURES
+from gtf_tune.pipelines.analytic.failures import FAILURES
 from gtf_tune.pipelines.base import PipelineJob, PipelineOutput
 from gtf_tune.pipelines.options import OptionSpec, OptionTable, OptionValue
 from gtf_tune.pipelines.run import digest

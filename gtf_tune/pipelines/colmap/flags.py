@@ -1,6 +1,6 @@
 """Name options of the pycolmap pipelines as COLMAP's command line and project files name them.
 
-``colmap_flags.txt`` lists the names that COLMAP 4's ``option_manager.cc`` registers, and those without a section that
+``flags.txt`` lists the names that COLMAP 4's ``option_manager.cc`` registers, and those without a section that
 its ``view_graph_calibrator`` takes; an option without a name there can be set from pycolmap only.
 """
 
@@ -97,5 +97,5 @@ def _candidates(pipeline: str, option: str) -> Iterator[str]:
 
 @cache
 def _flags() -> frozenset[str]:
-    text = files("gtf_tune.pipelines").joinpath("colmap_flags.txt").read_text(encoding="ascii")
+    text = files("gtf_tune.pipelines.colmap").joinpath("flags.txt").read_text(encoding="ascii")
     return frozenset(text.split())

@@ -7,10 +7,10 @@ from typing import Any, ClassVar
 import pycolmap
 
 from gtf_tune.pipelines.base import PipelineJob
-from gtf_tune.pipelines.glomap_positioning import SplitRefused, map_from_positions, positioning_options, store_positions
-from gtf_tune.pipelines.pycolmap_family import PycolmapPipeline, pycolmap_version, run_to_models, settings_of
-from gtf_tune.pipelines.pycolmap_options import OptionRoot
-from gtf_tune.pipelines.pycolmap_stages import VIEW_GRAPH, StagedRun
+from gtf_tune.pipelines.colmap.family import PycolmapPipeline, pycolmap_version, run_to_models, settings_of
+from gtf_tune.pipelines.colmap.options import OptionRoot
+from gtf_tune.pipelines.colmap.positioning import SplitRefused, map_from_positions, positioning_options, store_positions
+from gtf_tune.pipelines.colmap.stages import VIEW_GRAPH, StagedRun
 
 # A seed switches this off. Without one GLOMAP orders by memory address: equal runs in one process then differ.
 _SWITCHED_OFF_BY_SEEDS = frozenset({"use_parameter_block_ordering"})

@@ -1,6 +1,6 @@
 """Write values into a copy of a program's settings file and leave every other byte as it is."""
 
-from gtf_tune.pipelines.settings_files.writing import (
+from gtf_tune.pipelines.command.settings_files.writing import (
     FORMATS,
     SettingsFormat,
     SettingValue,

@@ -28,10 +28,10 @@ import pycolmap
 
 from gtf_tune.errors import RunError
 from gtf_tune.pipelines.base import PipelineJob
+from gtf_tune.pipelines.colmap.database import add_rows, copy_database, copy_rows, make_plain
+from gtf_tune.pipelines.colmap.options import OptionObjects, OptionRoot
 from gtf_tune.pipelines.file_digest import file_digest
 from gtf_tune.pipelines.options import OptionValue
-from gtf_tune.pipelines.pycolmap_database import add_rows, copy_database, copy_rows, make_plain
-from gtf_tune.pipelines.pycolmap_options import OptionObjects, OptionRoot
 from gtf_tune.pipelines.run import digest
 from gtf_tune.pipelines.stage_clock import StageClock
 

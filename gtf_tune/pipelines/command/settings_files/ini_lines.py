@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from gtf_tune.errors import DefinitionError
+from gtf_tune.pipelines.command.settings_files.scalars import read_scalar
 from gtf_tune.pipelines.options import option_text
-from gtf_tune.pipelines.settings_files.scalars import read_scalar
 
 _SECTION = re.compile(r"\s*\[(?P<name>[^\]]+)\]")
 _PAIR = re.compile(r"\s*(?P<key>[^\s=:#;\[][^=:]*?)\s*[=:][ \t]*(?P<value>.*?)(?P<rest>[ \t]*(?:[ \t][#;].*)?)$")

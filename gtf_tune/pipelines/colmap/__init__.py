@@ -1,0 +1,1 @@
+"""GLOMAP and COLMAP through pycolmap: the only place that imports it."""
