@@ -21,13 +21,13 @@ from gtf_tune.execution import FreshStages
 from gtf_tune.pipelines import OptionValue, PipelineJob
 from gtf_tune.pipelines.analytic import AnalyticPipeline, create, imaginary_sequence
 from gtf_tune.pipelines.run import RunKind
-from gtf_tune.study.coverage import CoverageFloor
-from gtf_tune.study.objective import FinishedRun, SequenceScore, score_sequence
-from gtf_tune.study.plan import RunPlanner
-from gtf_tune.study.sampler import make_sampler
-from gtf_tune.study.seeds import SeedSource
-from gtf_tune.study.sizing import Decision, Sizing, Standing, sizing_of
-from gtf_tune.study.space import SearchSpace, build_space
+from gtf_tune.study.runs.plan import RunPlanner
+from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.scoring.coverage import CoverageFloor
+from gtf_tune.study.scoring.early_stopping import Decision, Sizing, Standing, sizing_of
+from gtf_tune.study.scoring.objective import FinishedRun, SequenceScore, score_sequence
+from gtf_tune.study.search.samplers import make_sampler
+from gtf_tune.study.search.space import SearchSpace, build_space
 
 SEQUENCE = imaginary_sequence(50)
 _SIGMA = 5.0

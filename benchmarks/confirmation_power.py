@@ -22,8 +22,8 @@ import numpy as np
 from benchmarks.interval_coverage import score_of
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.gtf import GtfScore
-from gtf_tune.study.confirm_verdict import Findings, Measured, judge
-from gtf_tune.study.verdicts import ADOPT
+from gtf_tune.study.outcome.judge import Findings, Measured, judge
+from gtf_tune.study.outcome.verdicts import ADOPT
 from gtf_tune.trajectory import FloatArray
 
 CLEAN_RUNS = 2

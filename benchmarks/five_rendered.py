@@ -15,11 +15,11 @@ from benchmarks.images import DATA_VARIABLE, FIXED_OPTIONS, in_words, room
 from benchmarks.section import Aim, Effort, Section, median
 from gtf_tune.execution import LocalExecutor, StageCache
 from gtf_tune.sequence import Selection, Sequence, load_sequence
-from gtf_tune.store import validations
+from gtf_tune.store import ground_truth_errors
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.picking import pick
-from gtf_tune.study.worker import StudyWorker
+from gtf_tune.study.outcome.improvement import pick
+from gtf_tune.study.work.worker import StudyWorker
 
 SPACE: Mapping[str, Mapping[str, Any]] = {
     "mapper.max_normalized_reproj_error": {"low": 2e-3, "high": 0.1, "log": True},
@@ -151,7 +151,8 @@ def _picked(database: Database, name: str, trials: int) -> Picked:
     study = open_study(database, name)
     best = pick(database, study.record.id).best
     truth = {
-        ordinal: next(iter(one.values())) for ordinal, one in validations.values(database, study.record.id).items()
+        ordinal: next(iter(one.values()))
+        for ordinal, one in ground_truth_errors.values(database, study.record.id).items()
     }
     nominal, picked = truth.get(0), truth.get(best.ordinal if best else 0)
     if nominal is None or picked is None:

@@ -14,9 +14,9 @@ from gtf_tune.sequence import Sequence
 from gtf_tune.store.database import create_database
 from gtf_tune.store.runs import StoredRun
 from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.evaluation import RunSlot
-from gtf_tune.study.events import Silent
-from gtf_tune.study.worker import StudyWorker
+from gtf_tune.study.runs.run_source import RunSlot
+from gtf_tune.study.work.callbacks import Silent
+from gtf_tune.study.work.worker import StudyWorker
 
 AIM_MS = 50.0
 AIM_SHARE = 0.02

@@ -31,7 +31,7 @@ from gtf_tune.store import studies, trial_queue, trials
 from gtf_tune.store.database import Database, open_database
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.serving import ServingRules, StudyServer
+from gtf_tune.study.work.server import ServingRules, StudyServer
 from tests.faults.servers import RestartableServer
 from tests.study.conftest import write_sequence
 

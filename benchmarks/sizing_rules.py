@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.section import Effort, Section
-from gtf_tune.study.sizing import SIGNIFICANCE, AdaptiveSizing, Sizing, Standing
+from gtf_tune.study.scoring.early_stopping import SIGNIFICANCE, AdaptiveSizing, Sizing, Standing
 
 SHARED, OWN = 0.5, 0.1
 COLLAPSE_RATE, COLLAPSE_FACTOR = 0.05, 50.0

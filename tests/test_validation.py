@@ -3,8 +3,8 @@ import pytest
 
 from gtf_tune.definition import SideMetricDefinition
 from gtf_tune.errors import TrajectoryError
+from gtf_tune.study.ground_truth.errors import side_metric
 from gtf_tune.trajectory import Trajectory
-from gtf_tune.validation import side_metric
 
 COUNT = 12
 

@@ -43,8 +43,8 @@ from benchmarks.experiments.stored import (
     stored_results,
 )
 from gtf_tune.store.database import Database, create_database
-from gtf_tune.study.evaluation import Interrupted
-from gtf_tune.study.stop import StopRequest, signals_to
+from gtf_tune.study.runs.run_source import Interrupted
+from gtf_tune.study.runs.stop import StopRequest, signals_to
 from gtf_tune.trajectory import Trajectory
 
 Item = TypeVar("Item")

@@ -17,7 +17,7 @@ from benchmarks.experiments.plan import (
     sequence_of,
 )
 from benchmarks.experiments.settings import PREDICTORS, Outcome
-from gtf_tune.store import confirmations, studies, trials, validations
+from gtf_tune.store import confirmations, ground_truth_errors, studies, trials
 from gtf_tune.store.database import Database
 
 SEQUENCES = (ROOM, "dtu-scan24")
@@ -88,7 +88,7 @@ def read_joint(database: Database, sequence: str) -> Joint | None:
     if study.state != "done":
         return None
     known = [one for one in trials.of_study(database, study.id) if one.state in ("complete", "pruned")]
-    stored = validations.of_study(database, study.id)
+    stored = ground_truth_errors.of_study(database, study.id)
     truth = {key: found[0].ate for key, found in stored.items() if found and found[0].ate is not None}
     best = trials.best(database, study.id)
     feasible = [one.ordinal for one in known if one.feasible and one.ordinal in truth]

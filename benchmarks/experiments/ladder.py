@@ -18,11 +18,11 @@ from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.store import runs
 from gtf_tune.store.database import Database
 from gtf_tune.store.trajectories import trajectories
-from gtf_tune.study.evaluation import RunSlot, RunSource, run_limits
-from gtf_tune.study.events import Silent
-from gtf_tune.study.noise import NoiseProbe, ObtainRuns, stored_runs
-from gtf_tune.study.noise_scale import NoiseScale
-from gtf_tune.study.objective import FinishedRun
+from gtf_tune.study.noise.choice import NoiseScale
+from gtf_tune.study.noise.ladder import NoiseProbe, ObtainRuns, stored_runs
+from gtf_tune.study.runs.run_source import RunSlot, RunSource, run_limits
+from gtf_tune.study.scoring.objective import FinishedRun
+from gtf_tune.study.work.callbacks import Silent
 from gtf_tune.trajectory import Trajectory
 
 SEQUENCES = (ROOM, "dtu-scan24", "fountain-P11", "hut", "kitti07", "kitti06")

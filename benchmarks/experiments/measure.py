@@ -12,12 +12,12 @@ from gtf_tune.sequence import load_sequence
 from gtf_tune.sequence.render.room import RoomSpec, render_room
 from gtf_tune.store import confirmations, studies
 from gtf_tune.store.database import Database
-from gtf_tune.study.confirm import confirm, plan_confirmation
 from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
-from gtf_tune.study.events import Silent
-from gtf_tune.study.stop import StopRequest
-from gtf_tune.study.worker import StudyWorker
+from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
+from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
+from gtf_tune.study.runs.stop import StopRequest
+from gtf_tune.study.work.callbacks import Silent
+from gtf_tune.study.work.worker import StudyWorker
 from gtf_tune.trajectory import Trajectory
 
 DATA_VARIABLE = "GTF_TUNE_DATA"

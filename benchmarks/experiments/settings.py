@@ -14,7 +14,7 @@ from benchmarks.experiments.plan import Experiment
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.gtf import Aggregate, aggregate_matrix
 from gtf_tune.metrics import ate
-from gtf_tune.store import confirmations, runs, studies, trials, validations
+from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.trajectory import FloatArray, Trajectory
@@ -155,7 +155,7 @@ def _setting(
     found = trajectories(database, [run.key for run in used])
     clean_poses, noisy_poses = ([found[run.key] for run in group] for group in (clean, noisy))
     errors = [float(run.diagnostics.get("mean_reprojection_error_px", math.nan)) for run in clean]
-    validated = validations.of_study(database, trial.study_id).get(trial.ordinal, [])
+    validated = ground_truth_errors.of_study(database, trial.study_id).get(trial.ordinal, [])
     return Setting(
         ordinal=trial.ordinal,
         value=float((trial.options or {})[experiment.option.name]),

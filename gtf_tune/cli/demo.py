@@ -71,11 +71,11 @@ def _definition() -> dict[str, Any]:
 
 
 def _write_outcome(database: "Database", study_id: int) -> None:
-    from gtf_tune.store import trials, validations
-    from gtf_tune.study.picking import rank_correlation
+    from gtf_tune.store import ground_truth_errors, trials
+    from gtf_tune.study.outcome.improvement import rank_correlation
 
     known = [trial for trial in trials.of_study(database, study_id) if trial.value is not None]
-    recorded = validations.of_study(database, study_id)
+    recorded = ground_truth_errors.of_study(database, study_id)
     truth = {ordinal: found[0].ate for ordinal, found in recorded.items() if found[0].ate is not None}
     nominal, best = known[0], trials.best(database, study_id)
     ranked = sorted(known, key=lambda trial: (trial.options or {})[_OPTION])

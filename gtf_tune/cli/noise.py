@@ -12,7 +12,7 @@ from gtf_tune.cli.executors import cores, make_executor
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings
 
 if TYPE_CHECKING:
-    from gtf_tune.study.noise_scale import NoiseLevel, NoiseScale
+    from gtf_tune.study.noise.choice import NoiseLevel, NoiseScale
 
 Sigmas = Annotated[
     str | None, typer.Option("--sigmas", help="Grey levels to try, weakest first (default 0.5,1,2,3,5,8).")
@@ -46,9 +46,9 @@ def noise(
     from gtf_tune.definition import GtfDefinition, LimitsDefinition
     from gtf_tune.pipelines import create_pipeline
     from gtf_tune.sequence import FEWEST_FRAMES, load_sequence
-    from gtf_tune.study.evaluation import run_limits
-    from gtf_tune.study.noise import NoiseProbe, fresh_runs
-    from gtf_tune.study.noise_scale import LADDER
+    from gtf_tune.study.noise.choice import LADDER
+    from gtf_tune.study.noise.ladder import NoiseProbe, fresh_runs
+    from gtf_tune.study.runs.run_source import run_limits
 
     chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))
     given = parse_pairs(option, "--option")

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from gtf_tune.pipelines import OptionValue
     from gtf_tune.report.units import ScoreUnit
     from gtf_tune.store.runs import StoredRun
-    from gtf_tune.study.evaluation import RunSlot
-    from gtf_tune.study.events import TrialEnd
-    from gtf_tune.study.opened import OpenStudy
+    from gtf_tune.study.open_study import OpenStudy
+    from gtf_tune.study.runs.run_source import RunSlot
+    from gtf_tune.study.work.callbacks import TrialEnd
 
 
 class StudyProgress:

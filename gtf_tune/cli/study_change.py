@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gtf_tune.report.units import ScoreUnit
     from gtf_tune.store.database import Database
     from gtf_tune.store.studies import Study
-    from gtf_tune.study.rescore import Rescored, RescoredTrial
+    from gtf_tune.study.scoring.rescore import Rescored, RescoredTrial
 
 Aggregate = Annotated[str | None, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")]
 Metric = Annotated[str | None, typer.Option("--metric", help="ate, rpe_translation or rpe_rotation.")]
@@ -54,7 +54,7 @@ def rescore(
     """
     from gtf_tune.report.units import definition_unit
     from gtf_tune.store import studies
-    from gtf_tune.study.rescore import rescore as rescore_study
+    from gtf_tune.study.scoring.rescore import rescore as rescore_study
     from gtf_tune.study.stored import stored_definition
 
     database = open_storage(storage)
@@ -83,8 +83,8 @@ def extend(
 
     Example: gtf-tune study extend photos --trials 80
     """
-    from gtf_tune.study.extend import Extension, derive_study, extend_study
-    from gtf_tune.study.opened import trials_left
+    from gtf_tune.study.edit import Extension, derive_study, extend_study
+    from gtf_tune.study.open_study import trials_left
 
     hush_optuna()
     database = open_storage(storage)
@@ -121,14 +121,14 @@ def _say_nothing_is_left(study: "Study", has_wider_range: bool, flag: str) -> No
 
 def _true_errors(database: "Database", name: str, side: list[str] | None, places: list[str] | None) -> TrueErrors:
     """Return the stored side metric of a study, or another one, computed from its trajectories."""
-    from gtf_tune.store import studies, validations
-    from gtf_tune.study.side_metric import changed_side_metric, recompute_side_metric
+    from gtf_tune.store import ground_truth_errors, studies
+    from gtf_tune.study.ground_truth.record import changed_side_metric, recompute_side_metric
     from gtf_tune.study.stored import stored_definition
 
     study = studies.get(database, name)
     stored = stored_definition(study).side_metric
     if not side:
-        return TrueErrors(stored, validations.values(database, study.id))
+        return TrueErrors(stored, ground_truth_errors.values(database, study.id))
     changed = changed_side_metric(stored, parse_pairs(side, "--side"))
     found = recompute_side_metric(database, name, changed, place_folders(places))
     by_trial = {ordinal: {one.sequence_name: one.value for one in errors} for ordinal, errors in found.items()}

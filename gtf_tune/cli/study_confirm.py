@@ -24,7 +24,7 @@ from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE, Places, VersionMismatc
 if TYPE_CHECKING:
     from gtf_tune.store.confirmations import Confirmation
     from gtf_tune.store.runs import StoredRun
-    from gtf_tune.study.evaluation import RunSlot
+    from gtf_tune.study.runs.run_source import RunSlot
 
 Top = Annotated[int, typer.Option("--top", min=1, help="How many of the best settings, besides nominal.")]
 Runs = Annotated[int, typer.Option("--runs", "-N", min=1, help="Fresh noisy runs of each setting and sequence.")]
@@ -49,11 +49,11 @@ def confirm(
     """
     from gtf_tune.report.dashboard.sync import DashboardSync
     from gtf_tune.report.units import definition_unit
-    from gtf_tune.study.confirm import confirm as confirm_plan
-    from gtf_tune.study.confirm import plan_confirmation
-    from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
-    from gtf_tune.study.stop import StopRequest, signals_to
-    from gtf_tune.study.verdicts import KEEP, NO_VERDICT
+    from gtf_tune.study.outcome.confirm import confirm as confirm_plan
+    from gtf_tune.study.outcome.confirm import plan_confirmation
+    from gtf_tune.study.outcome.verdicts import KEEP, NO_VERDICT
+    from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
+    from gtf_tune.study.runs.stop import StopRequest, signals_to
 
     database = open_storage(storage)
     study = open_for_work(database, name, sequence, allow_version_mismatch)

@@ -39,7 +39,7 @@ def export(
     """
     from gtf_tune.errors import DefinitionError
     from gtf_tune.store import studies
-    from gtf_tune.study import export as export_module
+    from gtf_tune.study.outcome import export as export_module
     from gtf_tune.study.stored import stored_definition
 
     if format_ not in export_module.FORMATS:
@@ -61,7 +61,7 @@ def export(
 
 def _choose(database: "Database", study: "Study", ordinal: int | None) -> "Trial":
     from gtf_tune.store import trials
-    from gtf_tune.study.recommendation import recommend
+    from gtf_tune.study.outcome.recommendation import recommend
 
     if ordinal is not None:
         return trials.get(database, study.id, ordinal)
@@ -72,12 +72,12 @@ def _choose(database: "Database", study: "Study", ordinal: int | None) -> "Trial
 
 
 def _trials_csv(database: "Database", study: "Study") -> str:
-    from gtf_tune.store import trials, validations
-    from gtf_tune.study import export as export_module
+    from gtf_tune.store import ground_truth_errors, trials
+    from gtf_tune.study.outcome import export as export_module
     from gtf_tune.study.stored import stored_definition
 
     known = trials.of_study(database, study.id)
-    truth = TrueErrors(stored_definition(study).side_metric, validations.values(database, study.id))
+    truth = TrueErrors(stored_definition(study).side_metric, ground_truth_errors.values(database, study.id))
     versions = trials.version_mismatches(database, study.id)
     names = list(dict.fromkeys(option for trial in known for option in trial.options or {}))
     sequences = sorted(truth.sequences)

@@ -56,7 +56,7 @@ def warn_of_mixed_versions(database: "Database", study_id: int, ordinals: Collec
 
 def suggest_export(database: "Database", name: str, pipeline: str) -> None:
     """Say on stderr how to write the setting to use in the form that users of the pipeline paste."""
-    from gtf_tune.study.export import formats_of
+    from gtf_tune.study.outcome.export import formats_of
 
     say(f"Next: gtf-tune study export {name} --format {formats_of(pipeline)[0]}{storage_flag(database)}")
 

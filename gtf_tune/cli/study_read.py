@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from gtf_tune.store.runs import RunTotals
     from gtf_tune.store.studies import Study
     from gtf_tune.store.trials import Effort, Trial
-    from gtf_tune.study.picking import Pick
-    from gtf_tune.study.recommendation import Recommendation
+    from gtf_tune.study.outcome.improvement import Pick
+    from gtf_tune.study.outcome.recommendation import Recommendation
 
 All = Annotated[bool, typer.Option("--all", help="Every trial, not only the best twenty and nominal.")]
 _SHOWN_TRIALS = 20
@@ -81,13 +81,13 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     Example: gtf-tune study show photos
     """
     from gtf_tune.report.units import definition_unit
-    from gtf_tune.store import runs, studies, trials, validations
+    from gtf_tune.store import ground_truth_errors, runs, studies, trials
     from gtf_tune.study.stored import stored_definition
 
     database = open_storage(storage)
     study = studies.get(database, name)
     definition = stored_definition(study)
-    truth = TrueErrors(definition.side_metric, validations.values(database, study.id))
+    truth = TrueErrors(definition.side_metric, ground_truth_errors.values(database, study.id))
     if json:
         versions = trials.version_mismatches(database, study.id)
         shown = [
@@ -126,8 +126,8 @@ def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE
     Example: gtf-tune study best photos
     """
     from gtf_tune.store import studies
-    from gtf_tune.study.picking import pick
-    from gtf_tune.study.recommendation import UNCONFIRMED, recommend
+    from gtf_tune.study.outcome.improvement import pick
+    from gtf_tune.study.outcome.recommendation import UNCONFIRMED, recommend
     from gtf_tune.study.stored import stored_definition
 
     database = open_storage(storage)
@@ -203,7 +203,7 @@ def _noise(definition: "StudyDefinition", study: "Study") -> str:
 
 def _spared(definition: "StudyDefinition", efforts: list["Effort"]) -> str:
     """Return what stopping early has saved; nothing before a trial has ended."""
-    from gtf_tune.study.sizing_savings import runs_saved
+    from gtf_tune.study.scoring.savings import runs_saved
 
     saved = runs_saved(efforts, definition)
     if not saved.full:

@@ -92,8 +92,8 @@ def snippets(database: "Database", name: str) -> dict[str, str]:
     """Return the recommended setting in the forms that people paste; nothing before there is one."""
     from gtf_tune.errors import StorageError
     from gtf_tune.store import studies
-    from gtf_tune.study.export import setting_files
-    from gtf_tune.study.recommendation import recommend
+    from gtf_tune.study.outcome.export import setting_files
+    from gtf_tune.study.outcome.recommendation import recommend
     from gtf_tune.study.stored import stored_definition
 
     study = studies.get(database, name)

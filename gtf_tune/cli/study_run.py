@@ -15,7 +15,7 @@ from gtf_tune.cli.values import split_pairs
 if TYPE_CHECKING:
     from gtf_tune.execution import Executor
     from gtf_tune.store.database import Database
-    from gtf_tune.study.opened import OpenStudy
+    from gtf_tune.study.open_study import OpenStudy
 
 INTERRUPTED_EXIT_CODE = 130
 
@@ -94,9 +94,9 @@ def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int) -> No
     """Run a study here with progress on stderr; exit with 130 if someone stopped it."""
     from gtf_tune.cli.progress import StudyProgress
     from gtf_tune.report.dashboard.sync import DashboardSync
-    from gtf_tune.study.events import Several
-    from gtf_tune.study.stop import STOP_NOW, StopRequest, signals_to
-    from gtf_tune.study.worker import StudyWorker
+    from gtf_tune.study.runs.stop import STOP_NOW, StopRequest, signals_to
+    from gtf_tune.study.work.callbacks import Several
+    from gtf_tune.study.work.worker import StudyWorker
 
     stop = StopRequest()
     dashboard = DashboardSync(study.database, study.definition.name, warn=say)

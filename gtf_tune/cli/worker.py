@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from gtf_tune.pipelines import OptionValue
     from gtf_tune.store.database import Database
     from gtf_tune.store.runs import StoredRun
-    from gtf_tune.study.evaluation import RunSlot
-    from gtf_tune.study.events import TrialEnd
-    from gtf_tune.study.opened import OpenStudy
-    from gtf_tune.study.serving import ServingRules
+    from gtf_tune.study.open_study import OpenStudy
+    from gtf_tune.study.runs.run_source import RunSlot
+    from gtf_tune.study.work.callbacks import TrialEnd
+    from gtf_tune.study.work.server import ServingRules
 
 Names = Annotated[list[str] | None, typer.Option("--study", metavar="NAME", help="Serve this study only; repeatable.")]
 DataRoot = Annotated[
@@ -57,8 +57,8 @@ def worker(
     """
     from gtf_tune.errors import DefinitionError
     from gtf_tune.study.places import SequencePlaces
-    from gtf_tune.study.serving import ServingRules, StudyServer
-    from gtf_tune.study.stop import StopRequest, signals_to
+    from gtf_tune.study.runs.stop import StopRequest, signals_to
+    from gtf_tune.study.work.server import ServingRules, StudyServer
 
     if once and idle_exit is not None:
         raise DefinitionError("--once leaves as soon as nothing is left, --idle-exit S seconds later; give one of them")

@@ -6,7 +6,7 @@ from gtf_tune.errors import DefinitionError
 from gtf_tune.report.figures.noise import draw_score, draw_squares
 from gtf_tune.report.html import PageHead, Section, render_page
 from gtf_tune.report.panels.blocks import Drawing
-from gtf_tune.study.noise_scale import NoiseScale
+from gtf_tune.study.noise.choice import NoiseScale
 from gtf_tune.version import __version__
 
 _TEXT = (

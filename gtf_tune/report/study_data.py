@@ -5,13 +5,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from gtf_tune.definition import StudyDefinition
-from gtf_tune.store import confirmations, runs, studies, trials, validations
+from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, trials
 from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.database import Database
+from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.runs import StoredRun, TrialRun
 from gtf_tune.store.studies import Study, StudySequence
 from gtf_tune.store.trials import Trial
-from gtf_tune.store.validations import Validation
 from gtf_tune.study.stored import stored_definition
 
 
@@ -114,7 +114,7 @@ def _with_trials(
         holdouts=tuple(one for one in known if one.name not in searched),
         trials=tuple(found),
         details={one.ordinal: by_id.get(one.id) or {} for one in found},
-        validations=validations.of_study(database, study.id, ordinals),
+        validations=ground_truth_errors.of_study(database, study.id, ordinals),
         confirmations=tuple(confirmations.of_study(database, study.id)),
         storage=database.shown_url,
     )

@@ -19,10 +19,10 @@ from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
-from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence, make_pipeline
+from gtf_tune.study.open_study import OpenStudy, check_fingerprint, load_defined_sequence, make_pipeline
 from gtf_tune.study.places import folders_of
-from gtf_tune.study.sampler import check_search, make_pruner, make_sampler
-from gtf_tune.study.space import build_space, space_faults
+from gtf_tune.study.search.samplers import check_search, make_pruner, make_sampler
+from gtf_tune.study.search.space import build_space, space_faults
 from gtf_tune.study.states import check_whole
 from gtf_tune.study.stored import stored_definition
 from gtf_tune.version import __version__

@@ -10,13 +10,13 @@ from gtf_tune.errors import TrajectoryError
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.sequence import Sequence
-from gtf_tune.study.coverage import least_floor
-from gtf_tune.study.evaluation import run_limits
-from gtf_tune.study.noise import NoiseProbe, fresh_runs
-from gtf_tune.study.objective import FinishedRun, SequenceScore, score_sequence
-from gtf_tune.study.plan import RunPlanner, run_order
-from gtf_tune.study.seeds import SeedSource
-from gtf_tune.validation import side_metric
+from gtf_tune.study.ground_truth.errors import side_metric
+from gtf_tune.study.noise.ladder import NoiseProbe, fresh_runs
+from gtf_tune.study.runs.plan import RunPlanner, run_order
+from gtf_tune.study.runs.run_source import run_limits
+from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.scoring.coverage import least_floor
+from gtf_tune.study.scoring.objective import FinishedRun, SequenceScore, score_sequence
 
 
 @dataclass(frozen=True)

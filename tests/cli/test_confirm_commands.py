@@ -8,7 +8,7 @@ import pytest
 from gtf_tune.store import confirmations, studies
 from gtf_tune.store.database import open_database
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.study.export import FORMATS, formats_of
+from gtf_tune.study.outcome.export import FORMATS, formats_of
 from tests.cli.conftest import Cli
 
 CREATE = ("study", "create", "small", "-p", "analytic", "-s", "room", "-k", "2", "-K", "4", "--sampler", "grid")

@@ -6,8 +6,8 @@ import pytest
 from gtf_tune.cli import progress
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.report.units import sequence_unit
-from gtf_tune.study.events import TrialEnd
-from gtf_tune.study.objective import TrialScore
+from gtf_tune.study.scoring.objective import TrialScore
+from gtf_tune.study.work.callbacks import TrialEnd
 
 
 def test_runs_that_choose_the_noise_do_not_count_in_the_time_that_trials_take(

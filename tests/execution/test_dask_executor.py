@@ -18,7 +18,7 @@ from gtf_tune.sequence import load_sequence  # noqa: E402
 from gtf_tune.store.database import create_database  # noqa: E402
 from gtf_tune.store.maintenance.digest import study_digest  # noqa: E402
 from gtf_tune.study.create import checked_definition, create_study, open_study  # noqa: E402
-from gtf_tune.study.worker import StudyWorker  # noqa: E402
+from gtf_tune.study.work.worker import StudyWorker  # noqa: E402
 from tests.execution.doubles import Hanging, LosesItsHost, analytic, request_of  # noqa: E402
 from tests.execution.executor_contract import LIMITS, WAIT_S, ExecutorContract  # noqa: E402
 from tests.faults.disturbance import wait_until  # noqa: E402
@@ -73,7 +73,7 @@ def test_what_no_worker_has_begun_can_be_cancelled(executor: DaskExecutor, tmp_p
 
 def test_a_scheduler_that_does_not_answer_is_one_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
 
-    monkeypatch.setattr(dask, "_CONNECT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("gtf_tune.execution.dask.executor._CONNECT_TIMEOUT_S", 0.2)
     with pytest.raises(DefinitionError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9"):
         make_executor(1, None, "dask://127.0.0.1:9")
 

@@ -22,8 +22,8 @@ from gtf_tune.store import runs, studies, trials
 from gtf_tune.store.database import Database, create_database, open_database, wait_for_database
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.study.create import checked_definition, create_study
-from gtf_tune.study.serving import ServingRules, StudyServer
-from gtf_tune.study.stop import StopRequest, signals_to
+from gtf_tune.study.runs.stop import StopRequest, signals_to
+from gtf_tune.study.work.server import ServingRules, StudyServer
 from tests.faults import counted
 
 NAME = "disturbed"

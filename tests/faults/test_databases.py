@@ -13,7 +13,7 @@ from gtf_tune.report.dashboard.place import turn_to_write
 from gtf_tune.store.database import create_database, open_database
 from gtf_tune.store.maintenance.copy import copy_study
 from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.worker import StudyWorker
+from gtf_tune.study.work.worker import StudyWorker
 from tests.faults.conftest import Disturb
 from tests.faults.counted import LOG_VARIABLE, PAUSE_VARIABLE
 from tests.faults.disks import SmallDisk

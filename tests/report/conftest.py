@@ -25,15 +25,15 @@ from gtf_tune.pipelines.analytic import create, expected_error, ground_truth, im
 from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.report.study_data import StudyData, read_study
-from gtf_tune.store import confirmations, runs, studies, trial_queue, validations
+from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, trial_queue
 from gtf_tune.store.database import Database, create_database, open_database
+from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import RunUse
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
 from gtf_tune.store.trial_queue import Slot, TrialResult
-from gtf_tune.store.validations import Validation
 from gtf_tune.store.workers import this_worker
-from gtf_tune.study.verdicts import ADOPT
+from gtf_tune.study.outcome.verdicts import ADOPT
 from gtf_tune.trajectory import Trajectory
 from gtf_tune.trajectory.alignment import MIN_MATCHED
 from tests.store.conftest import (  # noqa: F401 (fixtures)
@@ -260,7 +260,7 @@ class _Writer:
             clean = [run for of, use, run in uses if of == name and use.run.kind == "clean" and len(run) >= MIN_MATCHED]
             errors = [ate(ground_truth(range(FRAMES)), run) for run in clean]
             found.append(Validation(name, float(np.mean(errors)) if errors else None))
-        validations.save(self.database, slot.trial_id, found)
+        ground_truth_errors.save(self.database, slot.trial_id, found)
 
 
 def _request(sequence: str, options: Mapping[str, Any], kind: str, index: int) -> RunRequest:

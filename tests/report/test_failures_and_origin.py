@@ -5,7 +5,7 @@ from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.details import nominal_floor, sequence_detail
 from gtf_tune.report.tables.failures import run_failures, trial_faults
 from gtf_tune.report.tables.provenance import provenance
-from gtf_tune.study.coverage import CoverageFloor
+from gtf_tune.study.scoring.coverage import CoverageFloor
 
 
 def test_failed_runs_are_grouped_by_their_reason(data: StudyData) -> None:

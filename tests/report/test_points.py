@@ -6,7 +6,7 @@ import pytest
 from gtf_tune.report.study_data import StudyData, read_study
 from gtf_tune.report.tables.points import sequence_points, study_points
 from gtf_tune.store.database import Database
-from gtf_tune.store.validations import Validation
+from gtf_tune.store.ground_truth_errors import Validation
 
 
 def test_scores_of_one_sequence_are_shown_in_per_mille_of_the_extent(data: StudyData) -> None:

@@ -10,7 +10,7 @@ from gtf_tune.report.panels.verdict import verdict_headline, verdict_sentences
 from gtf_tune.report.study_data import StudyData, read_search, read_study
 from gtf_tune.report.tables.verdict import study_verdict
 from gtf_tune.store.database import Database
-from gtf_tune.study.verdicts import NO_VERDICT
+from gtf_tune.study.outcome.verdicts import NO_VERDICT
 
 Confirm = Callable[[Database, str], None]
 

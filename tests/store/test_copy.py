@@ -8,8 +8,9 @@ from sqlalchemy import text
 
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
-from gtf_tune.store import confirmations, runs, studies, trial_queue, trials, validations
+from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, trial_queue, trials
 from gtf_tune.store.database import Database, open_database
+from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.maintenance.copy import copy_study
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna import copy
@@ -18,7 +19,6 @@ from gtf_tune.store.runs import RunUse
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trial_queue import TrialResult
-from gtf_tune.store.validations import Validation
 from gtf_tune.store.workers import this_worker
 
 MakeStorage = Callable[[str, bool], str]
@@ -50,7 +50,7 @@ def fill(
             trial_queue.attach_optuna_trial(database, slot, frozen._trial_id, frozen.number, {"a.b": 0.1 * ordinal})
             saved = runs.save(database, make_request("noisy", ordinal), make_outcome(ordinal))
             runs.link(database, slot.trial_id, [RunUse("desk", saved, reused=ordinal > 1)])
-            validations.save(database, slot.trial_id, [Validation("desk", 0.1 / 3)])
+            ground_truth_errors.save(database, slot.trial_id, [Validation("desk", 0.1 / 3)])
             if ordinal < 2:
                 trial_queue.finish(
                     database, slot, TrialResult("complete", value=0.1, feasible=True, detail={"m": [0.1]})

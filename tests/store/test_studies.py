@@ -6,13 +6,13 @@ import pytest
 
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
-from gtf_tune.store import confirmations, runs, studies, trial_queue, trials, validations
+from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, trial_queue, trials
 from gtf_tune.store.database import Database
+from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import RunUse, StoredRun
 from gtf_tune.store.studies import NewStudy, Study
 from gtf_tune.store.trial_queue import TrialResult
-from gtf_tune.store.validations import Validation
 from gtf_tune.store.workers import this_worker
 
 MakeStudy = Callable[..., Study]
@@ -153,7 +153,7 @@ def test_deleting_a_study_keeps_the_runs_that_another_uses(
     trial_id = run_trial(database, gone, 0.5)
     runs.link(database, trial_id, [RunUse("desk", one, reused=False) for one in (mine, shared)])
     runs.link(database, run_trial(database, kept, 0.5), [RunUse("desk", shared, reused=True)])
-    validations.save(database, trial_id, [Validation("desk", 0.1)])
+    ground_truth_errors.save(database, trial_id, [Validation("desk", 0.1)])
 
     studies.delete_study(database, "gone")
 
@@ -178,9 +178,9 @@ def test_deleting_a_study_keeps_the_runs_of_another_ones_confirmation(
 
 def test_side_metrics_are_replaced_and_listed_by_ordinal(database: Database, study: Study) -> None:
     trial_id = run_trial(database, study, 0.5)
-    validations.save(database, trial_id, [Validation("desk", 0.2), Validation("room", 0.3)])
-    validations.save(database, trial_id, [Validation("desk", float("nan"), {"reason": "no overlap"})])
-    assert validations.of_study(database, study.id) == {0: [Validation("desk", None, {"reason": "no overlap"})]}
+    ground_truth_errors.save(database, trial_id, [Validation("desk", 0.2), Validation("room", 0.3)])
+    ground_truth_errors.save(database, trial_id, [Validation("desk", float("nan"), {"reason": "no overlap"})])
+    assert ground_truth_errors.of_study(database, study.id) == {0: [Validation("desk", None, {"reason": "no overlap"})]}
 
 
 def test_confirmations_are_listed_oldest_first(database: Database, study: Study) -> None:

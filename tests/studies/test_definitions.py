@@ -14,8 +14,8 @@ from gtf_tune.pipelines.droid_slam.options import OPTIONS
 from gtf_tune.store import studies
 from gtf_tune.store.database import create_database
 from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.opened import make_pipeline
-from gtf_tune.study.space import space_faults
+from gtf_tune.study.open_study import make_pipeline
+from gtf_tune.study.search.space import space_faults
 from tests.study.conftest import write_sequence
 
 ROOT = Path(__file__).parents[2]

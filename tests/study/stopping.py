@@ -1,9 +1,9 @@
 """Interrupt studies after a number of runs."""
 
 from gtf_tune.store.runs import StoredRun
-from gtf_tune.study.evaluation import RunSlot
-from gtf_tune.study.events import Silent
-from gtf_tune.study.stop import STOP_NOW, StopRequest
+from gtf_tune.study.runs.run_source import RunSlot
+from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
+from gtf_tune.study.work.callbacks import Silent
 
 
 class StopAfter(Silent):

@@ -8,14 +8,14 @@ from gtf_tune.execution.base import RunLimits
 from gtf_tune.store import confirmations, runs, studies, trials
 from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.database import Database
-from gtf_tune.study.confirm import ConfirmationPlan, confirm, plan_confirmation
 from gtf_tune.study.create import open_study
-from gtf_tune.study.evaluation import Interrupted, RunSlot, RunSource
-from gtf_tune.study.events import Silent
-from gtf_tune.study.opened import OpenStudy
-from gtf_tune.study.picking import pick
-from gtf_tune.study.recommendation import recommend
-from gtf_tune.study.stop import STOP_NOW, StopRequest
+from gtf_tune.study.open_study import OpenStudy
+from gtf_tune.study.outcome.confirm import ConfirmationPlan, confirm, plan_confirmation
+from gtf_tune.study.outcome.improvement import pick
+from gtf_tune.study.outcome.recommendation import recommend
+from gtf_tune.study.runs.run_source import Interrupted, RunSlot, RunSource
+from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
+from gtf_tune.study.work.callbacks import Silent
 from tests.study.conftest import Runner, definition_of, write_sequence
 
 BETTER, WORSE = 0.002, 0.05

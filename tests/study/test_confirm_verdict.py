@@ -6,7 +6,7 @@ import pytest
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.gtf import GtfScore
-from gtf_tune.study.confirm_verdict import Findings, Measured, judge
+from gtf_tune.study.outcome.judge import Findings, Measured, judge
 
 GTF = GtfDefinition()
 NOISY = 12

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gtf_tune.definition import GtfDefinition
-from gtf_tune.study.coverage import CoverageFloor, coverage_floor, least_floor
-from gtf_tune.study.objective import FinishedRun, score_sequence, score_trial
+from gtf_tune.study.scoring.coverage import CoverageFloor, coverage_floor, least_floor
+from gtf_tune.study.scoring.objective import FinishedRun, score_sequence, score_trial
 from gtf_tune.trajectory import Trajectory
 
 FRAMES = 50

@@ -14,22 +14,22 @@ from gtf_tune.errors import DeletedError
 from gtf_tune.execution import InlineExecutor, RunLimits
 from gtf_tune.pipelines import RunOutcome
 from gtf_tune.pipelines.run import RunRequest
-from gtf_tune.store import runs, studies, trials, validations
+from gtf_tune.store import ground_truth_errors, runs, studies, trial_queue, trials
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.maintenance.copy import copy_study
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import StoredRun
 from gtf_tune.store.workers import this_worker
-from gtf_tune.study import optuna_trials
 from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.evaluation import RunSlot
-from gtf_tune.study.events import Silent
-from gtf_tune.study.extend import Extension, extend_study
-from gtf_tune.study.rescore import rescore
-from gtf_tune.study.serving import ServingRules, StudyServer
-from gtf_tune.study.stop import FINISH_RUNS, StopRequest
-from gtf_tune.study.worker import StudyWorker
+from gtf_tune.study.edit import Extension, extend_study
+from gtf_tune.study.runs.run_source import RunSlot
+from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
+from gtf_tune.study.scoring.rescore import rescore
+from gtf_tune.study.work import optuna_trials
+from gtf_tune.study.work.callbacks import Silent
+from gtf_tune.study.work.server import ServingRules, StudyServer
+from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of
 
 
@@ -39,11 +39,11 @@ class Killed(BaseException):
 
 STEPS = {
     "a trial is created": (optuna_trials, "create_for_slot"),
-    "its options are noted": (slots, "attach_optuna_trial"),
+    "its options are noted": (trial_queue, "attach_optuna_trial"),
     "a run is stored": (runs, "save"),
     "its runs are linked": (runs, "link"),
-    "the side metric is stored": (validations, "save"),
-    "its score is stored": (slots, "finish"),
+    "the side metric is stored": (ground_truth_errors, "save"),
+    "its score is stored": (trial_queue, "finish"),
     "Optuna is told": (optuna_trials, "tell"),
 }
 
@@ -87,7 +87,7 @@ def test_a_worker_killed_between_two_steps_loses_and_repeats_nothing(
     module, name = STEPS[step]
 
     with monkeypatch.context() as patched:
-        patched.setattr(slots, "release", lambda *_: None)
+        patched.setattr(trial_queue, "release", lambda *_: None)
         patched.setattr(module, name, killed(getattr(module, name), 3, before=before))
         with pytest.raises(Killed):
             StudyWorker(open_study(database, "small"), executor, worker=dead).work()
@@ -121,7 +121,7 @@ def test_a_worker_killed_while_it_chooses_options_leaves_the_choice_as_it_would_
     dead = replace(this_worker(), pid_started=1)
 
     with monkeypatch.context() as patched:
-        patched.setattr(slots, "release", lambda *_: None)
+        patched.setattr(trial_queue, "release", lambda *_: None)
         # Four options of trial 0, then two of trial 1.
         patched.setattr(optuna.trial.Trial, "_suggest", killed(optuna.trial.Trial._suggest, 7, before=True))
         with pytest.raises(Killed):

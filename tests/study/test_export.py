@@ -1,4 +1,4 @@
-from gtf_tune.study.export import colmap_flags, colmap_ini
+from gtf_tune.study.outcome.export import colmap_flags, colmap_ini
 
 
 def test_flags_of_the_hierarchical_pipeline_go_to_its_own_command() -> None:

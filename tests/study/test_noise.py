@@ -13,16 +13,16 @@ from gtf_tune.pipelines.analytic import imaginary_sequence
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
-from gtf_tune.study.confirm import confirm, plan_confirmation
 from gtf_tune.study.create import checked_definition, create_study, open_study
 from gtf_tune.study.evaluate import Setting, evaluate_setting
-from gtf_tune.study.evaluation import RunSlot, RunSource
-from gtf_tune.study.events import Silent
-from gtf_tune.study.noise import DEFAULT_RUNS, NoiseProbe, fresh_runs
-from gtf_tune.study.noise_scale import LADDER
-from gtf_tune.study.objective import FinishedRun
-from gtf_tune.study.stop import StopRequest
-from gtf_tune.study.worker import StudyWorker
+from gtf_tune.study.noise.choice import LADDER
+from gtf_tune.study.noise.ladder import DEFAULT_RUNS, NoiseProbe, fresh_runs
+from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
+from gtf_tune.study.runs.run_source import RunSlot, RunSource
+from gtf_tune.study.runs.stop import StopRequest
+from gtf_tune.study.scoring.objective import FinishedRun
+from gtf_tune.study.work.callbacks import Silent
+from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of, write_sequence
 
 LIMITS = RunLimits(60, 2**30)

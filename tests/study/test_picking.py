@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gtf_tune.study.picking import improvement
+from gtf_tune.study.outcome.improvement import improvement
 
 COMMON = np.exp(0.3 * np.random.default_rng(5).standard_normal(6))
 

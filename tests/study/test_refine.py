@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 from optuna.trial import TrialState, create_trial
 
-from gtf_tune.study.curve import fit_curve, next_place
-from gtf_tune.study.refine import COARSE, Axis, RefineSampler
+from gtf_tune.study.search.curve import fit_curve, next_place
+from gtf_tune.study.search.refine import COARSE, Axis, RefineSampler
 
 LOG = FloatDistribution(1e-4, 1e-1, log=True)
 EVERYWHERE = np.linspace(0.0, 1.0, 101)

@@ -7,9 +7,9 @@ import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 from scipy.optimize import check_grad
 
-from gtf_tune.study.refine import Axis
-from gtf_tune.study.refine_many import MOST_POINTS, Choices, RefineManySampler, Space, coarse_points
-from gtf_tune.study.surface import _Likelihood, _squares, fit_surface, next_point
+from gtf_tune.study.search.refine import Axis
+from gtf_tune.study.search.refine_many import MOST_POINTS, Choices, RefineManySampler, Space, coarse_points
+from gtf_tune.study.search.surface import _Likelihood, _squares, fit_surface, next_point
 
 SPACE = {
     "error": FloatDistribution(1e-4, 1e-1, log=True),

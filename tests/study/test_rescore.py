@@ -8,7 +8,7 @@ import pytest
 from gtf_tune.errors import DefinitionError
 from gtf_tune.store.database import Database
 from gtf_tune.store.maintenance.digest import study_digest
-from gtf_tune.study.rescore import Rescored, rescore
+from gtf_tune.study.scoring.rescore import Rescored, rescore
 from tests.study.conftest import Runner, definition_of, write_sequence
 
 GRID: Mapping[str, Any] = {

@@ -11,10 +11,10 @@ from optuna.trial import TrialState, create_trial
 
 from gtf_tune.definition import SearchDefinition, StudyDefinition, definition_from_dict
 from gtf_tune.errors import DefinitionError
-from gtf_tune.study.refine import RefineSampler
-from gtf_tune.study.refine_many import RefineManySampler
-from gtf_tune.study.sampler import check_search, make_pruner, make_sampler, startup_trials, without_penalties
-from gtf_tune.study.space import SearchAxis, SearchSpace
+from gtf_tune.study.search.refine import RefineSampler
+from gtf_tune.study.search.refine_many import RefineManySampler
+from gtf_tune.study.search.samplers import check_search, make_pruner, make_sampler, startup_trials, without_penalties
+from gtf_tune.study.search.space import SearchAxis, SearchSpace
 from tests.study.conftest import definition_of
 
 RANGE = {"low": 3e-4, "high": 0.1, "log": True}

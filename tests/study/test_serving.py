@@ -13,13 +13,13 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.runs import StoredRun
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.evaluation import RunSlot
-from gtf_tune.study.events import Silent
 from gtf_tune.study.places import SequencePlaces
-from gtf_tune.study.serving import ServingRules, StudyServer
+from gtf_tune.study.runs.run_source import RunSlot
+from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
 from gtf_tune.study.states import check_open, pause_study, reopen_study, stop_study
-from gtf_tune.study.stop import STOP_NOW, StopRequest
-from gtf_tune.study.worker import StudyWorker
+from gtf_tune.study.work.callbacks import Silent
+from gtf_tune.study.work.server import ServingRules, StudyServer
+from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import definition_of, write_sequence
 
 Create = Callable[..., studies.Study]

@@ -10,7 +10,7 @@ from gtf_tune.gtf import GtfScore
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.study.create import checked_definition, create_study
-from gtf_tune.study.objective import SequenceScore, score_trial
+from gtf_tune.study.scoring.objective import SequenceScore, score_trial
 from tests.study.conftest import Runner, definition_of, write_sequence
 
 GTF = GtfDefinition()

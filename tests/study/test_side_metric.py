@@ -10,12 +10,12 @@ from gtf_tune.definition import SideMetricDefinition
 from gtf_tune.errors import DefinitionError, SequenceError
 from gtf_tune.metrics import RpeSettings, rpe
 from gtf_tune.pipelines import analytic
-from gtf_tune.store import runs, studies, trials, validations
+from gtf_tune.store import ground_truth_errors, runs, studies, trials
 from gtf_tune.store.database import Database
+from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.trajectories import trajectories
-from gtf_tune.store.validations import Validation
-from gtf_tune.study.side_metric import changed_side_metric, recompute_side_metric
+from gtf_tune.study.ground_truth.record import changed_side_metric, recompute_side_metric
 from tests.study.conftest import FRAMES, Runner, definition_of, write_sequence
 
 RPE = {"metric": "rpe_translation", "rpe_delta": 0.2, "rpe_delta_unit": "seconds", "rpe_pairs": "consecutive"}
@@ -23,7 +23,7 @@ SHORT: dict[str, Any] = {"search": {"trials": 3}}
 
 
 def _recorded(database: Database, name: str) -> dict[int, list[Validation]]:
-    return validations.of_study(database, studies.get(database, name).id)
+    return ground_truth_errors.of_study(database, studies.get(database, name).id)
 
 
 def test_the_side_metric_changes_no_trial(room: Path, tmp_path: Path, database: Database, run_study: Runner) -> None:

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gtf_tune.definition import StudyDefinition, definition_from_dict
-from gtf_tune.study.sizing import (
+from gtf_tune.study.scoring.early_stopping import (
     PRUNER_FIRST,
     AdaptiveSizing,
     FixedSizing,

@@ -11,8 +11,8 @@ from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.sizing_savings import runs_saved
-from gtf_tune.study.worker import StudyWorker
+from gtf_tune.study.scoring.savings import runs_saved
+from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of
 from tests.study.stopping import StopAfter
 

@@ -10,7 +10,7 @@ from optuna.distributions import CategoricalDistribution, FloatDistribution, Int
 from gtf_tune.definition import definition_from_dict
 from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import OptionSpec, OptionTable, create_pipeline
-from gtf_tune.study.space import SearchSpace, build_space, space_faults
+from gtf_tune.study.search.space import SearchSpace, build_space, space_faults
 from tests.study.conftest import definition_of
 
 TABLE = create_pipeline("analytic").options

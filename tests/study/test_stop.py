@@ -3,8 +3,8 @@ from collections.abc import Callable
 
 import pytest
 
-from gtf_tune.study import stop as stop_module
-from gtf_tune.study.stop import FINISH_RUNS, STOP_NOW, StopRequest, signals_to
+from gtf_tune.study.runs import stop as stop_module
+from gtf_tune.study.runs.stop import FINISH_RUNS, STOP_NOW, StopRequest, signals_to
 
 
 def test_sigterm_leaves_runs_six_seconds_and_ends_the_process_within_ten(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,6 @@
 from scipy.special import stdtrit
 
-from gtf_tune.study.student import upper_95
+from gtf_tune.study.outcome.student import upper_95
 
 
 def test_student_quantiles_are_those_of_scipy_to_the_bit() -> None:

@@ -10,17 +10,17 @@ from optuna.trial import FrozenTrial, TrialState
 
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.store import runs, studies, trials, validations
+from gtf_tune.store import ground_truth_errors, runs, studies, trials
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.workers import this_worker
-from gtf_tune.study import optuna_trials
 from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.evaluation import RunSlot
-from gtf_tune.study.events import Silent
-from gtf_tune.study.stop import STOP_NOW, StopRequest
-from gtf_tune.study.worker import StudyWorker
+from gtf_tune.study.runs.run_source import RunSlot
+from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
+from gtf_tune.study.work import optuna_trials
+from gtf_tune.study.work.callbacks import Silent
+from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of, write_sequence
 
 
@@ -166,7 +166,7 @@ def test_samplers_learn_from_every_trial_that_has_ended(
     room: Path, run_study: Runner, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(_Onlooker, "seen", [])
-    monkeypatch.setattr("gtf_tune.study.trial.make_sampler", lambda *_: _Onlooker())
+    monkeypatch.setattr("gtf_tune.study.work.trial_runner.make_sampler", lambda *_: _Onlooker())
 
     run_study(definition_of(room, search={"trials": 5}))
 
@@ -185,8 +185,8 @@ def test_a_study_makes_the_same_trials_with_and_without_ground_truth(
     assert [(one.options, one.value, one.feasible) for one in seen] == [
         (one.options, one.value, one.feasible) for one in unseen
     ]
-    assert len(validations.of_study(database, studies.get(database, "small").id)) == 8
-    assert validations.of_study(database, studies.get(database, "blind").id) == {}
+    assert len(ground_truth_errors.of_study(database, studies.get(database, "small").id)) == 8
+    assert ground_truth_errors.of_study(database, studies.get(database, "blind").id) == {}
 
 
 def test_optuna_sees_the_same_values_constraints_and_instances(

@@ -11,7 +11,7 @@ from gtf_tune.report.tables.failures import run_failures
 from gtf_tune.report.tables.points import PointSet, TrialPoint, study_points
 from gtf_tune.report.tables.verdict import study_verdict
 from gtf_tune.report.units import definition_unit
-from gtf_tune.study.objective import penalty
+from gtf_tune.study.scoring.objective import penalty
 
 KEPT_BELOW = "*gtf-tune keeps everything above this line up to date; what you write below it is kept.*"
 

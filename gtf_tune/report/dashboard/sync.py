@@ -25,8 +25,8 @@ from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.errors import storage_error
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.study.events import Silent, TrialEnd
-from gtf_tune.study.export import setting_files
+from gtf_tune.study.outcome.export import setting_files
+from gtf_tune.study.work.callbacks import Silent, TrialEnd
 from gtf_tune.version import __version__
 
 REFRESH_S = 60.0

@@ -5,7 +5,7 @@ import math
 import plotly.graph_objects as go
 
 from gtf_tune.report.figures import theme
-from gtf_tune.study.noise_scale import Line, NoiseLevel, NoiseScale
+from gtf_tune.study.noise.choice import Line, NoiseLevel, NoiseScale
 
 _PERMILLE = 1000.0
 

@@ -13,7 +13,7 @@ from gtf_tune.report.tables.costs import StudyCost, study_cost
 from gtf_tune.report.tables.points import PointSet, study_points
 from gtf_tune.report.tables.verdict import Candidate, Verdict, study_verdict
 from gtf_tune.report.units import definition_unit
-from gtf_tune.study.verdicts import NO_VERDICT
+from gtf_tune.study.outcome.verdicts import NO_VERDICT
 
 
 def verdict_panel(report: ReportInput) -> list[Block]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.study.coverage import CoverageFloor, coverage_floor
+from gtf_tune.study.scoring.coverage import CoverageFloor, coverage_floor
 from gtf_tune.trajectory import FloatArray
 
 

@@ -10,8 +10,8 @@ from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.details import stored_number
 from gtf_tune.report.tables.options import options_at_an_edge
 from gtf_tune.report.tables.points import TrialPoint, study_points
-from gtf_tune.study.picking import UNKNOWN_IMPROVEMENT, Improvement, improvement
-from gtf_tune.study.verdicts import ADOPT, KEEP, compared
+from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement, improvement
+from gtf_tune.study.outcome.verdicts import ADOPT, KEEP, compared
 
 VerdictKind = Literal["adopt", "keep", "neither", "unconfirmed", "none"]
 

@@ -3,7 +3,7 @@
 from sqlalchemy import select
 
 from gtf_tune.pipelines.run import digest
-from gtf_tune.store import studies, trials, validations
+from gtf_tune.store import ground_truth_errors, studies, trials
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.session import read_rows
 
@@ -25,7 +25,7 @@ def study_digest(database: Database, name: str) -> str:
             "runs": _runs(database, study.id),
             "validations": [
                 [ordinal, one.sequence_name, one.value]
-                for ordinal, found in validations.of_study(database, study.id).items()
+                for ordinal, found in ground_truth_errors.of_study(database, study.id).items()
                 for one in found
             ],
         }

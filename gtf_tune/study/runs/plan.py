@@ -7,7 +7,7 @@ from gtf_tune.definition import GtfDefinition
 from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.pipelines.run import RunKind, RunRequest
 from gtf_tune.sequence import Sequence
-from gtf_tune.study.seeds import SeedSource
+from gtf_tune.study.runs.seeds import SeedSource
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from optuna.trial import Trial
 
 from gtf_tune.store.optuna.retrying_storage import gathered
 from gtf_tune.store.trial_queue import TrialResult
-from gtf_tune.study import optuna_trials
-from gtf_tune.study.objective import SequenceScore
-from gtf_tune.study.reference import Reference
-from gtf_tune.study.scoring import ScoredTrial
+from gtf_tune.study.scoring.objective import SequenceScore
+from gtf_tune.study.scoring.reference import Reference
+from gtf_tune.study.scoring.trial_scorer import ScoredTrial
+from gtf_tune.study.work import optuna_trials
 
 COVERAGE_CONSTRAINT = "coverage"
 

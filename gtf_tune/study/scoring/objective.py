@@ -11,7 +11,7 @@ import numpy as np
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.gtf import GtfScore, GtfSettings, gtf_score
-from gtf_tune.study.coverage import LEAST_COMMON, CoverageFloor, below
+from gtf_tune.study.scoring.coverage import LEAST_COMMON, CoverageFloor, below
 from gtf_tune.trajectory import Trajectory
 
 _UNBOUNDED_PENALTY = 1e6

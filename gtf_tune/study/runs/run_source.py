@@ -11,7 +11,7 @@ from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest, digest
 from gtf_tune.store import runs
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import StoredRun
-from gtf_tune.study.stop import STOP_NOW, StopRequest
+from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
 
 _POLL_S = 0.2
 _GIB = 2**30

@@ -16,8 +16,8 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.coverage import CoverageFloor, coverage_floor, least_floor
-from gtf_tune.study.objective import FinishedRun, SequenceScore, TrialScore, score_sequence, score_trial
+from gtf_tune.study.scoring.coverage import CoverageFloor, coverage_floor, least_floor
+from gtf_tune.study.scoring.objective import FinishedRun, SequenceScore, TrialScore, score_sequence, score_trial
 from gtf_tune.study.stored import stored_definition
 
 RESCORABLE = ("aggregate", "metric", "alignment", "normalise", "rpe_delta", "rpe_delta_unit", "rpe_pairs")

@@ -21,8 +21,8 @@ from gtf_tune.errors import TrajectoryError
 from gtf_tune.gtf import GtfScore, PairedDifference, common_collapses, difference_over_sequences, holm
 from gtf_tune.gtf.random_effects import FEWEST_INSTANCES
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.study.coverage import LEAST_COMMON, CoverageFloor, below, coverage_floor
-from gtf_tune.study.verdicts import ADOPT, KEEP, NO_VERDICT
+from gtf_tune.study.outcome.verdicts import ADOPT, KEEP, NO_VERDICT
+from gtf_tune.study.scoring.coverage import LEAST_COMMON, CoverageFloor, below, coverage_floor
 
 SIGNIFICANCE = 0.05
 

@@ -9,7 +9,7 @@ from gtf_tune.errors import TrajectoryError
 from gtf_tune.store import trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.student import upper_95
+from gtf_tune.study.outcome.student import upper_95
 
 if TYPE_CHECKING:
     from gtf_tune.trajectory import FloatArray

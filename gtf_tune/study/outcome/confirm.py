@@ -18,15 +18,15 @@ from gtf_tune.store import confirmations, studies, trials
 from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.confirm_verdict import Findings, Measured, judge
-from gtf_tune.study.evaluation import RunSlot, RunSource
-from gtf_tune.study.noise import with_noise
-from gtf_tune.study.objective import settings_of
-from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence
+from gtf_tune.study.noise.ladder import with_noise
+from gtf_tune.study.open_study import OpenStudy, check_fingerprint, load_defined_sequence
+from gtf_tune.study.outcome.judge import Findings, Measured, judge
+from gtf_tune.study.outcome.recommendation import without_feasible_trial
 from gtf_tune.study.places import folder_of
-from gtf_tune.study.plan import RunPlanner, run_order
-from gtf_tune.study.recommendation import without_feasible_trial
-from gtf_tune.study.seeds import SeedSource
+from gtf_tune.study.runs.plan import RunPlanner, run_order
+from gtf_tune.study.runs.run_source import RunSlot, RunSource
+from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.scoring.objective import settings_of
 
 DEFAULT_TOP = 3
 DEFAULT_RUNS = 16

@@ -15,12 +15,12 @@ from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
 from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.store import studies
 from gtf_tune.store.trajectories import trajectories
-from gtf_tune.study.evaluation import RunSlot, RunSource
-from gtf_tune.study.noise_scale import LADDER, NoiseLevel, NoiseScale, is_open, noise_scale
-from gtf_tune.study.objective import FinishedRun, settings_of
-from gtf_tune.study.opened import OpenStudy
-from gtf_tune.study.plan import RunPlanner
-from gtf_tune.study.seeds import SeedSource
+from gtf_tune.study.noise.choice import LADDER, NoiseLevel, NoiseScale, is_open, noise_scale
+from gtf_tune.study.open_study import OpenStudy
+from gtf_tune.study.runs.plan import RunPlanner
+from gtf_tune.study.runs.run_source import RunSlot, RunSource
+from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.scoring.objective import FinishedRun, settings_of
 from gtf_tune.trajectory import Trajectory
 from gtf_tune.trajectory.alignment import MIN_MATCHED
 

@@ -6,8 +6,8 @@ from typing import Protocol
 
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store.runs import StoredRun
-from gtf_tune.study.evaluation import RunListener, RunSlot
-from gtf_tune.study.objective import TrialScore
+from gtf_tune.study.runs.run_source import RunListener, RunSlot
+from gtf_tune.study.scoring.objective import TrialScore
 
 
 @dataclass(frozen=True)

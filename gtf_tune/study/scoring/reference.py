@@ -6,8 +6,8 @@ from typing import Any
 
 from gtf_tune.errors import DefinitionError
 from gtf_tune.store import runs, trials
-from gtf_tune.study.coverage import CoverageFloor, coverage_floor, least_floor
-from gtf_tune.study.opened import OpenStudy
+from gtf_tune.study.open_study import OpenStudy
+from gtf_tune.study.scoring.coverage import CoverageFloor, coverage_floor, least_floor
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,14 @@ from gtf_tune.errors import DeletedError
 from gtf_tune.execution import Executor
 from gtf_tune.store import studies, trial_queue, trials
 from gtf_tune.store.workers import Worker, this_worker
-from gtf_tune.study import optuna_trials
-from gtf_tune.study.evaluation import Interrupted
-from gtf_tune.study.events import Silent, StudyListener
-from gtf_tune.study.heartbeat import GRACE_S, INTERVAL_S, Heartbeat
-from gtf_tune.study.opened import OpenStudy
-from gtf_tune.study.sizing import sizing_of
-from gtf_tune.study.stop import FINISH_RUNS, StopRequest
-from gtf_tune.study.trial import TrialRunner
+from gtf_tune.study.open_study import OpenStudy
+from gtf_tune.study.runs.run_source import Interrupted
+from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
+from gtf_tune.study.scoring.early_stopping import sizing_of
+from gtf_tune.study.work import optuna_trials
+from gtf_tune.study.work.callbacks import Silent, StudyListener
+from gtf_tune.study.work.heartbeat import GRACE_S, INTERVAL_S, Heartbeat
+from gtf_tune.study.work.trial_runner import TrialRunner
 
 _FIRST_POLL_S = 0.5
 _LONGEST_POLL_S = 10.0

@@ -10,8 +10,8 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution
 from optuna.samplers import BaseSampler, TPESampler
 from optuna.trial import FrozenTrial, TrialState
 
-from gtf_tune.study.refine import Axis, log_scores
-from gtf_tune.study.surface import fit_surface, next_point
+from gtf_tune.study.search.refine import Axis, log_scores
+from gtf_tune.study.search.surface import fit_surface, next_point
 from gtf_tune.trajectory import FloatArray
 
 MOST_POINTS = 100
@@ -25,7 +25,7 @@ class RefineManySampler(BaseSampler):
     """Choose the next values of several options; the same again for the same finished trials and seeds.
 
     Every other trial is left to TPE: alone the surface gets stuck where scores do not vary smoothly.
-    Stopped and infeasible trials and those of other workers count as in `gtf_tune.study.refine.RefineSampler`. Scores
+    Stopped and infeasible trials and those of other workers count as in `RefineSampler`. Scores
     far above the best one are drawn together, so that hopeless corners do not rule how the surface looks near the best.
     ``start_seed`` places the even points, ``seed`` is that of the trial.
     """

@@ -12,13 +12,13 @@ from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
 from gtf_tune.study.create import open_study
-from gtf_tune.study.events import Several, Silent, StudyListener
-from gtf_tune.study.heartbeat import GRACE_S, INTERVAL_S
-from gtf_tune.study.opened import OpenStudy, trials_left
+from gtf_tune.study.open_study import OpenStudy, trials_left
 from gtf_tune.study.places import SequencePlaces
-from gtf_tune.study.stop import StopRequest
+from gtf_tune.study.runs.stop import StopRequest
 from gtf_tune.study.stored import stored_definition
-from gtf_tune.study.worker import StudyWorker
+from gtf_tune.study.work.callbacks import Several, Silent, StudyListener
+from gtf_tune.study.work.heartbeat import GRACE_S, INTERVAL_S
+from gtf_tune.study.work.worker import StudyWorker
 
 _RETRY_REFUSED_S = 60.0
 _FIRST_PAUSE_S = 0.5

@@ -7,7 +7,7 @@ from typing import Self
 from gtf_tune.errors import StorageError
 from gtf_tune.store import trial_queue
 from gtf_tune.store.database import Database
-from gtf_tune.study.stop import FINISH_RUNS, StopRequest
+from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 
 INTERVAL_S = 15.0
 GRACE_S = 120.0

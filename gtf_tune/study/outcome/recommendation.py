@@ -9,7 +9,7 @@ from gtf_tune.errors import StorageError
 from gtf_tune.store import confirmations, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.verdicts import ADOPT, KEEP, compared
+from gtf_tune.study.outcome.verdicts import ADOPT, KEEP, compared
 
 UNCONFIRMED = "unconfirmed"
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from gtf_tune.definition import StudyDefinition
 from gtf_tune.gtf.aggregate import Aggregate, aggregate_last_axis
-from gtf_tune.study.racing import compare
+from gtf_tune.study.scoring.racing import compare
 
 SIGNIFICANCE = 0.1
 """How improbable a trial's arrears must be before it is stopped; measured in benchmarks/sizing_rules.py."""

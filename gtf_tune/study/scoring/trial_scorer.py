@@ -9,12 +9,12 @@ from gtf_tune.pipelines import OptionValue
 from gtf_tune.pipelines.run import RunKind
 from gtf_tune.store.runs import RunUse
 from gtf_tune.store.trajectories import trajectories
-from gtf_tune.study.evaluation import ObtainedRun, RunSlot, RunSource
-from gtf_tune.study.objective import FinishedRun, TrialScore, score_sequence, score_trial
-from gtf_tune.study.opened import OpenStudy
-from gtf_tune.study.plan import run_order
-from gtf_tune.study.reference import Reference
-from gtf_tune.study.sizing import Decision
+from gtf_tune.study.open_study import OpenStudy
+from gtf_tune.study.runs.plan import run_order
+from gtf_tune.study.runs.run_source import ObtainedRun, RunSlot, RunSource
+from gtf_tune.study.scoring.early_stopping import Decision
+from gtf_tune.study.scoring.objective import FinishedRun, TrialScore, score_sequence, score_trial
+from gtf_tune.study.scoring.reference import Reference
 from gtf_tune.trajectory import Trajectory
 
 

@@ -17,7 +17,7 @@ from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
 from gtf_tune.study.create import checked_definition, create_study
-from gtf_tune.study.opened import defined_budget, make_pipeline
+from gtf_tune.study.open_study import defined_budget, make_pipeline
 from gtf_tune.study.states import check_whole
 from gtf_tune.study.stored import stored_definition
 

@@ -10,17 +10,17 @@ from optuna.trial import Trial
 from gtf_tune.definition import SideMetricDefinition
 from gtf_tune.definition.loading import section_from_dict
 from gtf_tune.errors import DefinitionError, TrajectoryError
-from gtf_tune.store import runs, studies, validations
+from gtf_tune.store import ground_truth_errors, runs, studies
 from gtf_tune.store.database import Database
+from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trial_queue import Slot
-from gtf_tune.store.validations import Validation
-from gtf_tune.study.opened import OpenStudy, check_fingerprint, load_defined_sequence
+from gtf_tune.study.ground_truth.errors import side_metric
+from gtf_tune.study.open_study import OpenStudy, check_fingerprint, load_defined_sequence
 from gtf_tune.study.places import folder_of
-from gtf_tune.study.scoring import ScoredTrial
+from gtf_tune.study.scoring.trial_scorer import ScoredTrial
 from gtf_tune.study.stored import stored_definition
 from gtf_tune.trajectory import Trajectory
-from gtf_tune.validation import side_metric
 
 
 def record_side_metric(study: OpenStudy, slot: Slot, trial: Trial, scored: ScoredTrial) -> None:
@@ -40,7 +40,7 @@ def record_side_metric(study: OpenStudy, slot: Slot, trial: Trial, scored: Score
             key = definition.key if len(study.sequences) == 1 else f"{definition.key}_{name}"
             trial.set_user_attr(key, measured.value)
     if found:
-        validations.save(study.database, slot.trial_id, found)
+        ground_truth_errors.save(study.database, slot.trial_id, found)
 
 
 def changed_side_metric(definition: SideMetricDefinition, changes: Mapping[str, Any]) -> SideMetricDefinition:

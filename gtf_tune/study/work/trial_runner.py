@@ -14,19 +14,19 @@ from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import runs, trial_queue
 from gtf_tune.store.optuna.retrying_storage import gathered
 from gtf_tune.store.optuna.tables import with_optuna
-from gtf_tune.study import optuna_trials
-from gtf_tune.study.evaluation import Interrupted, RunSource, run_limits
-from gtf_tune.study.events import StudyListener, TrialEnd
-from gtf_tune.study.heartbeat import Heartbeat
-from gtf_tune.study.noise import with_noise
-from gtf_tune.study.opened import OpenStudy
-from gtf_tune.study.reference import Reference, read_reference
-from gtf_tune.study.result import report_instances, set_attributes, trial_result
-from gtf_tune.study.sampler import make_sampler
-from gtf_tune.study.scoring import ScoredTrial, TrialRuns
-from gtf_tune.study.side_metric import record_side_metric
-from gtf_tune.study.sizing import Decision, Sizing, Standing
-from gtf_tune.study.stop import StopRequest
+from gtf_tune.study.ground_truth.record import record_side_metric
+from gtf_tune.study.noise.ladder import with_noise
+from gtf_tune.study.open_study import OpenStudy
+from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
+from gtf_tune.study.runs.stop import StopRequest
+from gtf_tune.study.scoring.early_stopping import Decision, Sizing, Standing
+from gtf_tune.study.scoring.reference import Reference, read_reference
+from gtf_tune.study.scoring.trial_scorer import ScoredTrial, TrialRuns
+from gtf_tune.study.search.samplers import make_sampler
+from gtf_tune.study.work import optuna_trials
+from gtf_tune.study.work.callbacks import StudyListener, TrialEnd
+from gtf_tune.study.work.heartbeat import Heartbeat
+from gtf_tune.study.work.trial_record import report_instances, set_attributes, trial_result
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 from scipy.optimize import minimize
 
-from gtf_tune.study.curve import expected_improvement
+from gtf_tune.study.search.curve import expected_improvement
 from gtf_tune.trajectory import BoolArray, FloatArray
 
 _SQRT5 = math.sqrt(5.0)

@@ -13,11 +13,11 @@ from optuna.trial import FrozenTrial
 
 from gtf_tune.definition import DEFAULT_TRIALS, SearchDefinition, StudyDefinition
 from gtf_tune.errors import DefinitionError
-from gtf_tune.study.refine import RefineSampler
-from gtf_tune.study.refine_many import RefineManySampler
-from gtf_tune.study.seeds import SeedSource
-from gtf_tune.study.sizing import PRUNER_FIRST
-from gtf_tune.study.space import SearchSpace
+from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.scoring.early_stopping import PRUNER_FIRST
+from gtf_tune.study.search.refine import RefineSampler
+from gtf_tune.study.search.refine_many import RefineManySampler
+from gtf_tune.study.search.space import SearchSpace
 
 WILCOXON_P = 0.05
 WILCOXON_FEWEST = 8

@@ -13,9 +13,9 @@ from gtf_tune.sequence import FEWEST_FRAMES, Camera, Selection, Sequence, load_s
 from gtf_tune.store import trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
-from gtf_tune.study.plan import RunPlanner
-from gtf_tune.study.seeds import SeedSource
-from gtf_tune.study.space import SearchSpace, build_space
+from gtf_tune.study.runs.plan import RunPlanner
+from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.search.space import SearchSpace, build_space
 from gtf_tune.study.stored import stored_definition
 
 

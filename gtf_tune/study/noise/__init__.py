@@ -1,0 +1,1 @@
+"""Choose the magnitude of the noise."""

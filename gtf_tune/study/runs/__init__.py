@@ -1,0 +1,1 @@
+"""Which runs a configuration needs, and where they come from."""

@@ -1,0 +1,1 @@
+"""Turn runs into the score of a trial."""

@@ -1,0 +1,1 @@
+"""Work on a study: trials, workers, the server, what they announce."""
