@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import say, write_json, write_table
-from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.parameters import CacheDir, Json
+from gtf_tune.cli.terminal.console import say, write_json, write_table
+from gtf_tune.cli.terminal.grouping import GroupedCommands
 
 if TYPE_CHECKING:
     from gtf_tune.execution import StageCache

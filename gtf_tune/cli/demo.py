@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.console import number, percent, permille, say, write_line, write_table
 from gtf_tune.cli.parameters import CacheDir, Jobs
 from gtf_tune.cli.storage_access import hush_optuna
-from gtf_tune.cli.study_notes import suggest_outcome
-from gtf_tune.cli.study_report import report
+from gtf_tune.cli.study.notes import suggest_outcome
+from gtf_tune.cli.study.report import report
+from gtf_tune.cli.terminal.console import number, percent, permille, say, write_line, write_table
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
@@ -30,7 +30,7 @@ def demo(
     Example: gtf-tune demo
     """
     from gtf_tune.cli.executors import cores, make_executor
-    from gtf_tune.cli.study_run import work_on
+    from gtf_tune.cli.study.run import work_on
     from gtf_tune.sequence import render_room
     from gtf_tune.store import studies
     from gtf_tune.store.database import create_database

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import typer
 
-from gtf_tune.cli.console import say, write_json, write_table
 from gtf_tune.cli.parameters import CacheDir, Json
+from gtf_tune.cli.terminal.console import say, write_json, write_table
 
 _PACKAGES = ("pycolmap", "optuna", "optuna-dashboard", "sqlalchemy", "numpy", "scipy", "opencv-python-headless")
 _EXTRAS = {"psycopg": "postgres", "distributed": "dask", "torch": "gp", "cmaes": "cmaes", "kaleido": "png"}

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import number, say, write_json, write_pairs
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings
+from gtf_tune.cli.terminal.console import number, say, write_json, write_pairs
 from gtf_tune.cli.true_errors import Side
 
 if TYPE_CHECKING:

@@ -5,17 +5,18 @@ from typing import Annotated
 
 import typer
 
-from gtf_tune.cli import cache, metric, pipeline, sequence, storage, study
-from gtf_tune.cli.console import say, write_line
+from gtf_tune.cli import cache, metric, pipeline, sequence, storage
 from gtf_tune.cli.dashboard import dashboard
 from gtf_tune.cli.demo import demo
 from gtf_tune.cli.doctor import doctor
 from gtf_tune.cli.evaluate import evaluate
-from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.noise import noise
 from gtf_tune.cli.storage_access import close_storages
-from gtf_tune.cli.streams import ready_streams
-from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE
+from gtf_tune.cli.study.app import app as study_app
+from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE
+from gtf_tune.cli.terminal.console import say, write_line
+from gtf_tune.cli.terminal.grouping import GroupedCommands
+from gtf_tune.cli.terminal.streams import ready_streams
 from gtf_tune.cli.worker import worker
 from gtf_tune.errors import GtfTuneError
 
@@ -47,7 +48,7 @@ def common(
 
 
 app.command("demo", rich_help_panel="Start")(demo)
-app.add_typer(study.app, name="study", rich_help_panel="Studies")
+app.add_typer(study_app, name="study", rich_help_panel="Studies")
 app.command("dashboard", rich_help_panel="Studies")(dashboard)
 app.command("worker", rich_help_panel="Studies")(worker)
 app.command("evaluate", rich_help_panel="Studies")(evaluate)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import number, write_json, write_pairs
-from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.matching import matched_files
 from gtf_tune.cli.parameters import Json
+from gtf_tune.cli.terminal.console import number, write_json, write_pairs
+from gtf_tune.cli.terminal.grouping import GroupedCommands
 
 if TYPE_CHECKING:
     from gtf_tune.metrics import ErrorStatistics

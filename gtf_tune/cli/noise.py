@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.console import number, permille, say, write_json, write_line, write_table
 from gtf_tune.cli.executors import cores, make_executor
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings
+from gtf_tune.cli.terminal.console import number, permille, say, write_json, write_line, write_table
 
 if TYPE_CHECKING:
     from gtf_tune.study.noise.choice import NoiseLevel, NoiseScale

@@ -4,9 +4,9 @@ from typing import Annotated
 
 import typer
 
-from gtf_tune.cli.console import say, write_json, write_line, write_table
-from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.parameters import Json, Settings
+from gtf_tune.cli.terminal.console import say, write_json, write_line, write_table
+from gtf_tune.cli.terminal.grouping import GroupedCommands
 from gtf_tune.cli.values import parse_pairs
 
 app = typer.Typer(cls=GroupedCommands, help="List pipelines and their tunable options.", no_args_is_help=True)

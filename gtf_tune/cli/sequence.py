@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import duration, number, say, write_json, write_line, write_pairs
-from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.parameters import Frames, Json
+from gtf_tune.cli.terminal.console import duration, number, say, write_json, write_line, write_pairs
+from gtf_tune.cli.terminal.grouping import GroupedCommands
 
 if TYPE_CHECKING:
     from gtf_tune.sequence import SequenceReport

@@ -4,10 +4,10 @@ from typing import Annotated
 
 import typer
 
-from gtf_tune.cli.console import say, write_json, write_line, write_pairs
-from gtf_tune.cli.grouping import GroupedCommands
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, open_storage
+from gtf_tune.cli.terminal.console import say, write_json, write_line, write_pairs
+from gtf_tune.cli.terminal.grouping import GroupedCommands
 
 app = typer.Typer(cls=GroupedCommands, help="Check, upgrade and copy storages.", no_args_is_help=True)
 

@@ -5,8 +5,8 @@ import shlex
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
-from gtf_tune.cli.console import say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, STORAGE_VARIABLE
+from gtf_tune.cli.terminal.console import say
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.console import number
+from gtf_tune.cli.terminal.console import number
 
 if TYPE_CHECKING:
     from gtf_tune.definition import SideMetricDefinition

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import chosen_noise, say, tried_noise
 from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage
 from gtf_tune.cli.storage_access import hush_optuna, storage_flag, wait_for_storage
-from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE, Places, TrialParallel, VersionMismatch, place_folders
+from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE, Places, TrialParallel, VersionMismatch, place_folders
+from gtf_tune.cli.terminal.console import chosen_noise, say, tried_noise
 
 if TYPE_CHECKING:
     from gtf_tune.pipelines import OptionValue

@@ -3,7 +3,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from gtf_tune.cli import progress
+from gtf_tune.cli.terminal import progress
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.report.units import sequence_unit
 from gtf_tune.study.scoring.objective import TrialScore

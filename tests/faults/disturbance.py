@@ -80,7 +80,7 @@ def work(plan: WorkerPlan, site: str) -> None:
 
 def attend(plan: WorkerPlan, site: str) -> None:
     """Work on the study as ``gtf-tune study run`` does, notes and figures included: the body of a study process."""
-    from gtf_tune.cli.study_run import open_for_work, work_on
+    from gtf_tune.cli.study.run import open_for_work, work_on
 
     _prepare(plan, site)
     try:

@@ -1,8 +1,8 @@
 """Pause, and stop, the work on a study wherever it goes on."""
 
-from gtf_tune.cli.console import say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
+from gtf_tune.cli.terminal.console import say
 
 
 def pause(name: StudyName, storage: Storage = DEFAULT_STORAGE) -> None:

@@ -4,7 +4,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.console import (
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
+from gtf_tune.cli.storage_access import open_storage, storage_flag
+from gtf_tune.cli.study.notes import (
+    STOPPED_EARLY,
+    suggest_after_show,
+    suggest_export,
+    suggest_nominal_that_works,
+    suggest_working_nominal,
+    warn_of_lost_frames,
+    warn_of_mixed_versions,
+)
+from gtf_tune.cli.terminal.console import (
     duration,
     percent,
     say,
@@ -13,17 +24,6 @@ from gtf_tune.cli.console import (
     write_options,
     write_pairs,
     write_table,
-)
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage, storage_flag
-from gtf_tune.cli.study_notes import (
-    STOPPED_EARLY,
-    suggest_after_show,
-    suggest_export,
-    suggest_nominal_that_works,
-    suggest_working_nominal,
-    warn_of_lost_frames,
-    warn_of_mixed_versions,
 )
 from gtf_tune.cli.true_errors import TrueErrors
 

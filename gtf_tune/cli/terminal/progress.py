@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from gtf_tune.cli.console import chosen_noise, duration, percent, say, stderr, tried_noise
+from gtf_tune.cli.terminal.console import chosen_noise, duration, percent, say, stderr, tried_noise
 
 if TYPE_CHECKING:
     from gtf_tune.pipelines import OptionValue

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from gtf_tune.cli.streams import writing_results
+from gtf_tune.cli.terminal.streams import writing_results
 
 if TYPE_CHECKING:
     from rich.console import Console

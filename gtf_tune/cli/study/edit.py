@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.console import percent, say, write_json, write_line, write_options, write_table
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
-from gtf_tune.cli.study_create import Range, parse_range
-from gtf_tune.cli.study_notes import STOPPED_EARLY
-from gtf_tune.cli.study_run import Places, place_folders
+from gtf_tune.cli.study.create import Range, parse_range
+from gtf_tune.cli.study.notes import STOPPED_EARLY
+from gtf_tune.cli.study.run import Places, place_folders
+from gtf_tune.cli.terminal.console import percent, say, write_json, write_line, write_options, write_table
 from gtf_tune.cli.true_errors import Side, TrueErrors
 from gtf_tune.cli.values import parse_pairs, split_pairs
 

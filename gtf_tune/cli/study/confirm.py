@@ -5,7 +5,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.console import (
+from gtf_tune.cli.executors import cores, make_executor
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Storage, StudyName
+from gtf_tune.cli.storage_access import open_storage, storage_flag
+from gtf_tune.cli.study.notes import suggest_export, suggest_nominal_that_works, suggest_working_nominal
+from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE, Places, VersionMismatch, open_for_work, place_folders
+from gtf_tune.cli.terminal.console import (
     chosen_noise,
     number,
     percent,
@@ -15,11 +20,6 @@ from gtf_tune.cli.console import (
     write_line,
     write_table,
 )
-from gtf_tune.cli.executors import cores, make_executor
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage, storage_flag
-from gtf_tune.cli.study_notes import suggest_export, suggest_nominal_that_works, suggest_working_nominal
-from gtf_tune.cli.study_run import INTERRUPTED_EXIT_CODE, Places, VersionMismatch, open_for_work, place_folders
 
 if TYPE_CHECKING:
     from gtf_tune.store.confirmations import Confirmation

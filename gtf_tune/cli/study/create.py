@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from gtf_tune.cli.console import say
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Frames, Settings, Storage
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
+from gtf_tune.cli.terminal.console import say
 from gtf_tune.cli.true_errors import Side
 from gtf_tune.cli.values import parse_pairs, parse_value, refuse_repeated, split_pairs
 from gtf_tune.errors import DefinitionError

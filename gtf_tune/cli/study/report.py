@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import duration, percent, say, write_line
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage
-from gtf_tune.cli.study_notes import suggest_outcome
+from gtf_tune.cli.study.notes import suggest_outcome
+from gtf_tune.cli.terminal.console import duration, percent, say, write_line
 
 if TYPE_CHECKING:
     from gtf_tune.report.definition import ReportDefinition

@@ -3,8 +3,8 @@
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
-from gtf_tune.cli.console import say
 from gtf_tune.cli.storage_access import storage_flag
+from gtf_tune.cli.terminal.console import say
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database

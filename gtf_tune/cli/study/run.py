@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.console import say
 from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage, StudyName
 from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
-from gtf_tune.cli.study_notes import suggest_outcome, warn_of_lost_frames
+from gtf_tune.cli.study.notes import suggest_outcome, warn_of_lost_frames
+from gtf_tune.cli.terminal.console import say
 from gtf_tune.cli.values import split_pairs
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def resume(
 
 def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int) -> None:
     """Run a study here with progress on stderr; exit with 130 if someone stopped it."""
-    from gtf_tune.cli.progress import StudyProgress
+    from gtf_tune.cli.terminal.progress import StudyProgress
     from gtf_tune.report.dashboard.sync import DashboardSync
     from gtf_tune.study.runs.stop import STOP_NOW, StopRequest, signals_to
     from gtf_tune.study.work.callbacks import Several

@@ -1,0 +1,1 @@
+"""What every command does with a terminal: print, show progress, survive closed pipes."""
