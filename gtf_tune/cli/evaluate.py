@@ -11,7 +11,7 @@ from gtf_tune.cli.terminal.console import number, say, write_json, write_pairs
 from gtf_tune.cli.true_errors import Side
 
 if TYPE_CHECKING:
-    from gtf_tune.report.units import ScoreUnit
+    from gtf_tune.display import ScoreUnit
     from gtf_tune.study.evaluate import Evaluation
 
 
@@ -40,8 +40,8 @@ def evaluate(
     from gtf_tune.cli.values import parse_frames, parse_pairs
     from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict
+    from gtf_tune.display import sequence_unit
     from gtf_tune.pipelines import create_pipeline
-    from gtf_tune.report.units import sequence_unit
     from gtf_tune.sequence import FEWEST_FRAMES, load_sequence
     from gtf_tune.study.evaluate import Setting, evaluate_setting
 

@@ -110,7 +110,7 @@ class _Lines:
     """Print one line for each trial, since a worker's output is read in log files."""
 
     def __init__(self, study: "OpenStudy") -> None:
-        from gtf_tune.report.units import definition_unit
+        from gtf_tune.display import definition_unit
 
         self._name = study.definition.name
         self._unit = definition_unit(study.definition)

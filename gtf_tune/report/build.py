@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
+from gtf_tune.display import count
 from gtf_tune.errors import DefinitionError
 from gtf_tune.report.definition import ReportDefinition
 from gtf_tune.report.html import PageHead, Section, render_page
-from gtf_tune.report.numbers import count
 from gtf_tune.report.panels.blocks import ReportInput
 from gtf_tune.report.panels.registry import PANELS
 from gtf_tune.report.panels.runs import compared_trials

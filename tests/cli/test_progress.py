@@ -5,7 +5,7 @@ import pytest
 
 from gtf_tune.cli.terminal import progress
 from gtf_tune.definition import GtfDefinition
-from gtf_tune.report.units import sequence_unit
+from gtf_tune.display import sequence_unit
 from gtf_tune.study.scoring.objective import TrialScore
 from gtf_tune.study.work.callbacks import TrialEnd
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 import plotly.graph_objects as go
 import pytest
 
+from gtf_tune.display import sequence_unit
 from gtf_tune.report.figures import theme
 from gtf_tune.report.figures.hover import shortened, trial_text
 from gtf_tune.report.figures.matrices import matrix_figure
@@ -15,7 +16,6 @@ from gtf_tune.report.tables.details import sequence_detail
 from gtf_tune.report.tables.options import option_curve
 from gtf_tune.report.tables.optuna_copy import infeasible_level, optuna_copy
 from gtf_tune.report.tables.points import TrialPoint, study_points
-from gtf_tune.report.units import sequence_unit
 from gtf_tune.store.database import Database
 
 

@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gtf_tune.report import markup, numbers
+from gtf_tune import display
+from gtf_tune.report import markup
 from gtf_tune.report.dashboard import markdown
 
 
@@ -21,7 +22,7 @@ from gtf_tune.report.dashboard import markdown
     ],
 )
 def test_numbers_have_three_significant_digits(value: float, expected: str) -> None:
-    assert numbers.significant(value) == expected
+    assert display.significant(value) == expected
 
 
 @pytest.mark.parametrize(
@@ -29,17 +30,17 @@ def test_numbers_have_three_significant_digits(value: float, expected: str) -> N
     [(0.42, "0.42 s"), (42.4, "42 s"), (200, "3 min 20 s"), (18720, "5 h 12 min"), (math.nan, "-")],
 )
 def test_durations_are_said_as_people_say_them(seconds: float, expected: str) -> None:
-    assert numbers.duration(seconds) == expected
+    assert display.duration(seconds) == expected
 
 
 def test_other_numbers_carry_their_units() -> None:
-    assert numbers.percent(0.123) == "+12.3 %"
-    assert numbers.share(0.5) == "50 %"
-    assert numbers.memory(3 * 2**29) == "1.5 GB"
-    assert numbers.memory(0) == "-"
-    assert numbers.interval(1.234, math.nan) == "-"
-    assert [numbers.count(number, "trial") for number in (0, 1, 2)] == ["0 trials", "1 trial", "2 trials"]
-    assert [numbers.value_text(value) for value in (True, 0.001, 3, "huber")] == ["true", "0.001", "3", "huber"]
+    assert display.percent(0.123) == "+12.3 %"
+    assert display.share(0.5) == "50 %"
+    assert display.memory(3 * 2**29) == "1.5 GB"
+    assert display.memory(0) == "-"
+    assert display.interval(1.234, math.nan) == "-"
+    assert [display.count(number, "trial") for number in (0, 1, 2)] == ["0 trials", "1 trial", "2 trials"]
+    assert [display.value_text(value) for value in (True, 0.001, 3, "huber")] == ["true", "0.001", "3", "huber"]
 
 
 @given(st.text())

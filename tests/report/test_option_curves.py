@@ -3,9 +3,9 @@ import math
 import pytest
 
 from gtf_tune.definition import RangeAxis, ValuesAxis
+from gtf_tune.display import ScoreUnit
 from gtf_tune.report.tables.options import OptionAxis, option_axis, option_curve, options_at_an_edge
 from gtf_tune.report.tables.points import PointSet, TrialPoint
-from gtf_tune.report.units import ScoreUnit
 
 LOG = RangeAxis(low=1e-4, high=0.1, log=True)
 UNIT = ScoreUnit("GTF ATE", 1000.0, "‰ of extent", "per mille of the extent")

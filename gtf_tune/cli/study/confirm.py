@@ -47,8 +47,8 @@ def confirm(
 
     Example: gtf-tune study confirm photos --top 3 --runs 16
     """
+    from gtf_tune.display import definition_unit
     from gtf_tune.report.dashboard.sync import DashboardSync
-    from gtf_tune.report.units import definition_unit
     from gtf_tune.study.outcome.confirm import confirm as confirm_plan
     from gtf_tune.study.outcome.confirm import plan_confirmation
     from gtf_tune.study.outcome.verdicts import KEEP, NO_VERDICT

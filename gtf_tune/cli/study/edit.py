@@ -15,7 +15,7 @@ from gtf_tune.cli.true_errors import Side, TrueErrors
 from gtf_tune.cli.values import parse_pairs, split_pairs
 
 if TYPE_CHECKING:
-    from gtf_tune.report.units import ScoreUnit
+    from gtf_tune.display import ScoreUnit
     from gtf_tune.store.database import Database
     from gtf_tune.store.studies import Study
     from gtf_tune.study.scoring.rescore import Rescored, RescoredTrial
@@ -52,7 +52,7 @@ def rescore(
 
     Example: gtf-tune study rescore photos --aggregate median
     """
-    from gtf_tune.report.units import definition_unit
+    from gtf_tune.display import definition_unit
     from gtf_tune.store import studies
     from gtf_tune.study.scoring.rescore import rescore as rescore_study
     from gtf_tune.study.stored import stored_definition

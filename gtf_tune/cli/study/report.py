@@ -13,8 +13,8 @@ from gtf_tune.cli.study.notes import suggest_outcome
 from gtf_tune.cli.terminal.console import duration, percent, say, write_line
 
 if TYPE_CHECKING:
+    from gtf_tune.display import ScoreUnit
     from gtf_tune.report.definition import ReportDefinition
-    from gtf_tune.report.units import ScoreUnit
     from gtf_tune.store.database import Database
     from gtf_tune.store.trials import Trial
 
@@ -66,7 +66,7 @@ def watch(
 
     Example: gtf-tune study watch photos
     """
-    from gtf_tune.report.units import definition_unit
+    from gtf_tune.display import definition_unit
     from gtf_tune.store import studies, trials
     from gtf_tune.study.stored import stored_definition
 

@@ -29,7 +29,7 @@ from gtf_tune.cli.true_errors import TrueErrors
 
 if TYPE_CHECKING:
     from gtf_tune.definition import StudyDefinition
-    from gtf_tune.report.units import ScoreUnit
+    from gtf_tune.display import ScoreUnit
     from gtf_tune.store.runs import RunTotals
     from gtf_tune.store.studies import Study
     from gtf_tune.store.trials import Effort, Trial
@@ -46,7 +46,7 @@ def list_studies(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None
 
     Example: gtf-tune study list
     """
-    from gtf_tune.report.units import definition_unit
+    from gtf_tune.display import definition_unit
     from gtf_tune.store import studies
     from gtf_tune.study.stored import stored_definition
 
@@ -80,7 +80,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
 
     Example: gtf-tune study show photos
     """
-    from gtf_tune.report.units import definition_unit
+    from gtf_tune.display import definition_unit
     from gtf_tune.store import ground_truth_errors, runs, studies, trials
     from gtf_tune.study.stored import stored_definition
 
@@ -257,7 +257,7 @@ def _value(value: object) -> str:
 
 
 def _write_pick(found: "Pick", recommended: "Recommendation", definition: "StudyDefinition") -> None:
-    from gtf_tune.report.units import definition_unit
+    from gtf_tune.display import definition_unit
 
     unit = definition_unit(definition)
     symbol = unit.short

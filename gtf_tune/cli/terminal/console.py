@@ -96,9 +96,9 @@ def chosen_noise(sequence: str, sigma: float, reason: str) -> str:
 
 def permille(value: float | None) -> str:
     """Format a fraction of the extent in per mille, with three significant digits."""
-    from gtf_tune.report import numbers
+    from gtf_tune import display
 
-    return numbers.significant(math.nan if value is None else value * 1000)
+    return display.significant(math.nan if value is None else value * 1000)
 
 
 def percent(value: float | None) -> str:
@@ -113,9 +113,9 @@ def number(value: float | None) -> str:
 
 def duration(seconds: float) -> str:
     """Format a duration as people say it: 4.2 s, 42 s, 3 min 20 s, 5 h 12 min."""
-    from gtf_tune.report import numbers
+    from gtf_tune import display
 
-    return f"{seconds:.1f} s" if seconds < 10 else numbers.duration(seconds)
+    return f"{seconds:.1f} s" if seconds < 10 else display.duration(seconds)
 
 
 def _plain(text: str) -> str:

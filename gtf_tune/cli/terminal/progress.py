@@ -11,8 +11,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from gtf_tune.cli.terminal.console import chosen_noise, duration, percent, say, stderr, tried_noise
 
 if TYPE_CHECKING:
+    from gtf_tune.display import ScoreUnit
     from gtf_tune.pipelines import OptionValue
-    from gtf_tune.report.units import ScoreUnit
     from gtf_tune.store.runs import StoredRun
     from gtf_tune.study.open_study import OpenStudy
     from gtf_tune.study.runs.run_source import RunSlot
@@ -54,7 +54,7 @@ class StudyProgress:
     @classmethod
     def of(cls, study: "OpenStudy") -> "StudyProgress":
         """Return the progress of a study as it stands."""
-        from gtf_tune.report.units import definition_unit
+        from gtf_tune.display import definition_unit
         from gtf_tune.store import trials
 
         counts = trials.counts(study.database, study.record.id)

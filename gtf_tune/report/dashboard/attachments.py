@@ -5,13 +5,12 @@ import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from gtf_tune.display import sequence_unit, significant
 from gtf_tune.report.dashboard.drawing import trajectory_svg
-from gtf_tune.report.numbers import significant
 from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.details import sequence_detail
 from gtf_tune.report.tables.points import study_points
 from gtf_tune.report.tables.trajectories import SettingRuns, align_runs
-from gtf_tune.report.units import sequence_unit
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from html import escape
 import numpy as np
 from plotly.colors import sample_colorscale
 
+from gtf_tune.display import significant
 from gtf_tune.report.figures import theme
-from gtf_tune.report.numbers import significant
 from gtf_tune.report.tables.trajectories import AlignedRun, known_errors
 from gtf_tune.trajectory import FloatArray
 

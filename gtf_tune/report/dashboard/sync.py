@@ -9,6 +9,7 @@ from pathlib import Path
 import optuna
 from sqlalchemy.exc import SQLAlchemyError
 
+from gtf_tune.display import definition_unit
 from gtf_tune.pipelines.run import digest
 from gtf_tune.report.dashboard import attachments, notes
 from gtf_tune.report.dashboard.attachments import Attachment
@@ -20,7 +21,6 @@ from gtf_tune.report.setting_runs import read_setting
 from gtf_tune.report.study_data import StudyData, read_search, read_trials
 from gtf_tune.report.tables.costs import runs_made
 from gtf_tune.report.tables.verdict import study_verdict
-from gtf_tune.report.units import definition_unit
 from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.errors import storage_error

@@ -4,8 +4,8 @@ import math
 
 import plotly.graph_objects as go
 
+from gtf_tune.display import significant
 from gtf_tune.report.figures import theme
-from gtf_tune.report.numbers import significant
 from gtf_tune.report.tables.agreement import Agreement
 
 

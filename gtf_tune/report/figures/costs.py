@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import plotly.graph_objects as go
 
+from gtf_tune.display import duration, share
 from gtf_tune.report.figures import theme
 from gtf_tune.report.figures.hover import shortened
-from gtf_tune.report.numbers import duration, share
 from gtf_tune.report.tables.costs import StageCost
 from gtf_tune.report.tables.timeline import TimelineBar, lane_counts
 

@@ -3,7 +3,7 @@
 import math
 from html import escape
 
-from gtf_tune.report.numbers import interval, share, significant
+from gtf_tune.display import interval, share, significant
 from gtf_tune.report.tables.points import PointSet, TrialPoint
 
 _LONGEST = 90

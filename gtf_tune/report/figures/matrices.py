@@ -6,11 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 import plotly.graph_objects as go
 
+from gtf_tune.display import ScoreUnit, significant
 from gtf_tune.report.figures import theme
 from gtf_tune.report.figures.hover import shortened
-from gtf_tune.report.numbers import significant
 from gtf_tune.report.tables.details import SequenceDetail
-from gtf_tune.report.units import ScoreUnit
 
 _ROW_PX = 34
 _SURROUNDINGS_PX = 100

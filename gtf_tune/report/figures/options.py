@@ -7,6 +7,7 @@ from typing import Any
 
 import plotly.graph_objects as go
 
+from gtf_tune.display import significant, value_text
 from gtf_tune.report.figures import theme
 from gtf_tune.report.figures.hover import trial_text
 from gtf_tune.report.figures.option_axes import (
@@ -15,7 +16,6 @@ from gtf_tune.report.figures.option_axes import (
     score_axis_layout,
     truth_axis_layout,
 )
-from gtf_tune.report.numbers import significant, value_text
 from gtf_tune.report.tables.options import OptionCurve
 from gtf_tune.report.tables.points import PointSet, TrialPoint
 

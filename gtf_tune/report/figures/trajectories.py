@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
+from gtf_tune.display import significant
 from gtf_tune.report.figures import theme
-from gtf_tune.report.numbers import significant
 from gtf_tune.report.tables.trajectories import AlignedRun, FrameSpread, known_errors
 
 _HIGHEST_PERCENTILE = 98

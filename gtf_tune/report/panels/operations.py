@@ -1,9 +1,9 @@
 """Show how the work went: failures, time and memory, timeline, and what it takes to repeat it."""
 
+from gtf_tune.display import count, duration, memory, share
 from gtf_tune.report import markup
 from gtf_tune.report.figures.costs import stage_figure, timeline_figure
 from gtf_tune.report.markup import Html
-from gtf_tune.report.numbers import count, duration, memory, share
 from gtf_tune.report.panels.blocks import Block, Drawing, ReportInput
 from gtf_tune.report.tables.costs import StudyCost, run_costs, runs_made, stage_costs, study_cost
 from gtf_tune.report.tables.failures import RunFailure, run_failures, trial_faults

@@ -2,18 +2,17 @@
 
 import numpy as np
 
+from gtf_tune.display import ScoreUnit, count, interval, sequence_unit, significant
 from gtf_tune.report import markup
 from gtf_tune.report.figures import theme
 from gtf_tune.report.figures.matrices import matrix_figure, matrix_range
 from gtf_tune.report.figures.trajectories import error_range, scene_figure, spread_figure, top_figure
 from gtf_tune.report.markup import Html
-from gtf_tune.report.numbers import count, interval, significant
 from gtf_tune.report.panels.blocks import Block, Drawing, ReportInput
 from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.details import SequenceDetail, sequence_detail
 from gtf_tune.report.tables.trajectories import FrameSpread, align_runs, frame_spread, lay_on_each_other
 from gtf_tune.report.tables.verdict import study_verdict
-from gtf_tune.report.units import ScoreUnit, sequence_unit
 
 # Browsers keep at most 8 to 16 WebGL scenes of a page alive; each sequence takes two.
 _MOST_SCENES = 4

@@ -4,10 +4,10 @@ import math
 
 import optuna
 
+from gtf_tune.display import duration, interval, percent, share, significant, value_text
 from gtf_tune.report import markup
 from gtf_tune.report.figures.search import coverage_figure, history_figure, importance_figure, parallel_figure
 from gtf_tune.report.markup import Html
-from gtf_tune.report.numbers import duration, interval, percent, share, significant, value_text
 from gtf_tune.report.panels.blocks import Block, Drawing, ReportInput
 from gtf_tune.report.panels.scores import searched_axes
 from gtf_tune.report.study_data import StudyData

@@ -4,15 +4,14 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
+from gtf_tune.display import count, definition_unit, duration, percent, share, significant, value_text
 from gtf_tune.report import markup
 from gtf_tune.report.markup import Html
-from gtf_tune.report.numbers import count, duration, percent, share, significant, value_text
 from gtf_tune.report.panels.blocks import Block, ReportInput
 from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.costs import StudyCost, study_cost
 from gtf_tune.report.tables.points import PointSet, study_points
 from gtf_tune.report.tables.verdict import Candidate, Verdict, study_verdict
-from gtf_tune.report.units import definition_unit
 from gtf_tune.study.outcome.verdicts import NO_VERDICT
 
 

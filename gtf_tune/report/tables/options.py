@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from gtf_tune.definition import Axis, RangeAxis
+from gtf_tune.display import value_text
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.report.numbers import value_text
 from gtf_tune.report.tables.points import PointSet, TrialPoint
 
 AxisScale = Literal["log", "linear", "categories"]

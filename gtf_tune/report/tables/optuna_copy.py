@@ -7,7 +7,7 @@ import optuna
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
-from gtf_tune.report.numbers import value_text
+from gtf_tune.display import value_text
 from gtf_tune.report.tables.options import OptionAxis
 from gtf_tune.report.tables.points import PointSet, TrialPoint
 

@@ -7,10 +7,10 @@ from functools import cached_property
 from statistics import fmean
 from typing import Literal
 
+from gtf_tune.display import ScoreUnit, definition_unit, sequence_unit
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.tables.details import sequence_detail, stored_number
-from gtf_tune.report.units import ScoreUnit, definition_unit, sequence_unit
 from gtf_tune.store.trials import Trial
 
 PointState = Literal["feasible", "infeasible", "pruned", "failed", "running"]
