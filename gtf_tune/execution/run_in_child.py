@@ -6,6 +6,9 @@ import platform
 import signal
 import time
 import traceback
+from dataclasses import replace
+
+import numpy as np
 
 from gtf_tune.errors import RunError, SequenceError, StorageError
 from gtf_tune.execution.base import RunLimits
@@ -14,6 +17,7 @@ from gtf_tune.execution.process import memory_limited, output_to, peak_memory_by
 from gtf_tune.execution.stages import StageStore
 from gtf_tune.pipelines.base import PipelineJob, PipelineOutput
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
+from gtf_tune.sequence import Sequence
 from gtf_tune.trajectory import Trajectory
 from gtf_tune.version import __version__
 
@@ -113,4 +117,16 @@ def _run(request: RunRequest, paths: RunPaths, store: StageStore) -> PipelineOut
         output = request.pipeline.run(job)
     if len(output.trajectory) == 0:
         raise RunError("the pipeline gave back a trajectory without poses")
+    if output.trajectory.ids_are_counted:
+        return replace(output, trajectory=_of_frames(output.trajectory, request.sequence))
     return output
+
+
+def _of_frames(trajectory: Trajectory, sequence: Sequence) -> Trajectory:
+    """Return a trajectory as read from a file under the frame ids of its images, where it has a pose of each."""
+    if len(trajectory) != len(sequence.frames):
+        raise RunError(
+            f"the pipeline gave back {len(trajectory)} poses for {len(sequence.frames)} images, numbered by their order "
+            "only, so nothing says which images they belong to; it has to give each pose the frame id of its image"
+        )
+    return trajectory.with_frame_ids(np.array([frame.frame_id for frame in sequence.frames], dtype=np.int64))

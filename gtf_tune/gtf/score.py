@@ -94,6 +94,11 @@ def gtf_score(
         k trajectories from clean images and k_delta from noisy ones; those of failed runs are empty.
     num_frames
         Number of frames of the sequence, for the coverage.
+
+    Raises
+    ------
+    TrajectoryError
+        Frame ids only count the poses of a file, and the trajectories have different ones.
     """
     pairs = pairwise_matrix(clean, noisy, settings.pair_metric)
     matrix = _in_unit(pairs, settings)

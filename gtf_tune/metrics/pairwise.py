@@ -47,6 +47,11 @@ def pairwise_matrix(
     Pairs with fewer than 4 matched frames, with positions on a line, or without poses that lie ``delta`` apart are NaN
     with a reason. The work is done in blocks of pairs; residuals are computed one by one, because the closed form of
     the error cancels below 1e-7 of the extent.
+
+    Raises
+    ------
+    TrajectoryError
+        Frame ids only count the poses of a file, and the trajectories have different ones.
     """
     frames = common_frames(a, b)
     stacks = stack(a, frames), stack(b, frames)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gtf_tune.trajectory import FloatArray, IntArray, Trajectory
+from gtf_tune.trajectory import FloatArray, IntArray, Trajectory, check_frame_ids
 from gtf_tune.trajectory.alignment import (
     COMPARABLE_SIZE,
     INCOMPARABLE,
@@ -88,7 +88,14 @@ def _columns(trajectory: Trajectory, frame_ids: IntArray) -> slice | IntArray:
 
 
 def common_frames(*groups: Sequence[Trajectory]) -> IntArray:
-    """Return the sorted frame ids that any of the trajectories has."""
+    """Return the sorted frame ids that any of the trajectories has.
+
+    Raises
+    ------
+    TrajectoryError
+        Frame ids only count the poses of a file, and the trajectories have different ones.
+    """
+    check_frame_ids([trajectory for group in groups for trajectory in group])
     ids = [trajectory.frame_ids for group in groups for trajectory in group]
     if all(np.array_equal(one, ids[0]) for one in ids):
         return ids[0] if ids else np.empty(0, np.int64)

@@ -30,8 +30,8 @@ def read_colmap(path: Path) -> Trajectory:
     """Read a model folder, an ``images.bin`` or an ``images.txt``; the names are those of the images.
 
     Poses are in the natural order of the names (2.png before 10.png). Where all file names are different whole numbers,
-    as in ``000012.png``, these are the frame ids; else frame ids count poses from 0. COLMAP knows no time: timestamps
-    are frame ids.
+    as in ``000012.png``, these are the frame ids; else frame ids count poses from 0 (``ids_are_counted``). COLMAP knows
+    no time: timestamps are frame ids.
 
     Raises
     ------
@@ -45,13 +45,14 @@ def read_colmap(path: Path) -> Trajectory:
     if len(set(names)) != len(names):
         raise TrajectoryError(f"expected every image once in {path}, but one name comes twice")
     world_from_camera = Rotation.from_quat(np.array([turn for _, turn, _ in images])[:, [1, 2, 3, 0]]).inv()
-    frame_ids = _frame_ids(names)
+    frame_ids, counted = _frame_ids(names)
     return Trajectory(
         frame_ids=frame_ids,
         timestamps=frame_ids.astype(np.float64),
         positions=-world_from_camera.apply(np.array([shift for _, _, shift in images])),
         quaternions=world_from_camera.as_quat(),
         names=names,
+        ids_are_counted=counted,
     )
 
 
@@ -147,10 +148,11 @@ def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
     return key, name
 
 
-def _frame_ids(names: tuple[str, ...]) -> IntArray:
+def _frame_ids(names: tuple[str, ...]) -> tuple[IntArray, bool]:
+    """Return the frame ids, (n,), and whether they only count the names."""
     stems = [PurePosixPath(name).stem for name in names]
     if all(re.fullmatch(r"[0-9]{1,18}", stem) for stem in stems):
         numbers = np.array([int(stem) for stem in stems], dtype=np.int64)
         if (np.diff(numbers) > 0).all():
-            return numbers
-    return np.arange(len(names), dtype=np.int64)
+            return numbers, False
+    return np.arange(len(names), dtype=np.int64), True

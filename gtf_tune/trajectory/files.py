@@ -24,7 +24,8 @@ _FORMAT_OF_COLUMNS = MappingProxyType({8: "tum", 12: "kitti"})
 def read_trajectory(path: str | os.PathLike[str], format: TrajectoryFormat = "auto") -> Trajectory:
     """Read a trajectory from a TUM, KITTI or EuRoC file or a COLMAP model.
 
-    Frame ids count the poses from 0; for a COLMAP model whose images are called by numbers they are these numbers.
+    Frame ids count the poses from 0 and are marked so (``ids_are_counted``); for a COLMAP model whose images are called
+    by numbers they are these numbers. Trajectories that lack different poses are associated by timestamp or image name.
 
     Parameters
     ----------

@@ -133,6 +133,7 @@ def _read(path: Path, parse: Callable[[str, str, int], Pose]) -> Trajectory:
         timestamps=np.array([pose.timestamp for pose in poses]),
         positions=np.array([pose.position for pose in poses]),
         quaternions=np.array([pose.quaternion for pose in poses]),
+        ids_are_counted=True,
     )
 
 

@@ -1,5 +1,7 @@
 """Find the poses of two trajectories that belong together."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from gtf_tune.errors import TrajectoryError
@@ -9,9 +11,38 @@ Matches = tuple[IntArray, IntArray]
 
 
 def associate_by_frame_id(a: Trajectory, b: Trajectory) -> Matches:
-    """Return indices (m,) into a and (m,) into b of the poses with equal frame ids, in order."""
+    """Return indices (m,) into a and (m,) into b of the poses with equal frame ids, in order.
+
+    Raises
+    ------
+    TrajectoryError
+        Frame ids of one only count its poses, and the other has different ones.
+    """
+    check_frame_ids([a, b])
     _, ia, ib = np.intersect1d(a.frame_ids, b.frame_ids, assume_unique=True, return_indices=True)
     return ia.astype(np.int64), ib.astype(np.int64)
+
+
+def check_frame_ids(trajectories: Sequence[Trajectory]) -> None:
+    """Refuse to match frame ids that only count the poses of a file, unless all trajectories have the same ones.
+
+    Trajectories without poses (of failed runs) are left out: nothing is matched with them.
+
+    Raises
+    ------
+    TrajectoryError
+        One has ``ids_are_counted``, and the frame ids of another differ.
+    """
+    filled = [trajectory for trajectory in trajectories if len(trajectory)]
+    counted = next((trajectory for trajectory in filled if trajectory.ids_are_counted), None)
+    if counted is None:
+        return
+    for other in filled:
+        if not np.array_equal(counted.frame_ids, other.frame_ids):
+            raise TrajectoryError(
+                f"expected poses of the same frames, but one trajectory has {len(counted)} poses that are only "
+                f"numbered by their order and another has {len(other)}; associate them by timestamp or image name"
+            )
 
 
 def associate_by_name(a: Trajectory, b: Trajectory) -> Matches:

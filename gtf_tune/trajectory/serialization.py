@@ -26,7 +26,18 @@ _BYTES_PER_NUMBER = 8
 
 
 def to_bytes(trajectory: Trajectory) -> bytes:
-    """Return the trajectory as compressed, versioned, checksummed bytes; `from_bytes` returns the same bits."""
+    """Return the trajectory as compressed, versioned, checksummed bytes; `from_bytes` returns the same bits.
+
+    Raises
+    ------
+    TrajectoryError
+        Its frame ids only count the poses of a file: nothing could be matched with it later.
+    """
+    if trajectory.ids_are_counted:
+        raise TrajectoryError(
+            f"expected the frame ids of {len(trajectory)} poses to store, but they are only numbered by their order; "
+            "give the ids of their frames by with_frame_ids"
+        )
     names = "".join(f"{name}\0" for name in trajectory.names).encode("utf-8", "surrogatepass")
     numbers = np.concatenate(
         [

@@ -1,4 +1,4 @@
-"""Hold a camera trajectory as a value that was checked once."""
+"""The poses of one camera, checked once."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -21,12 +21,13 @@ _UNIT_NORM_TOLERANCE = 8 * np.finfo(np.float64).eps
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Hold the poses of one camera at the frames where they are known.
+    """Poses of one camera at the frames where they are known.
 
     Attributes
     ----------
     frame_ids
-        (n,) strictly increasing int64: position of each frame in the full sequence.
+        (n,) strictly increasing int64: position of each frame in the full sequence. Poses of two trajectories with the
+        same frame id belong together, unless ``ids_are_counted``.
     timestamps
         (n,) seconds.
     positions
@@ -35,6 +36,10 @@ class Trajectory:
         (n, 4) unit quaternions x, y, z, w: rotations world_from_camera.
     names
         n image names where the source has them, otherwise empty.
+    ids_are_counted
+        Whether the frame ids only number the poses of a file from 0, as for TUM, KITTI and EuRoC files: then they do
+        not say which frame a pose belongs to. Matching such ids is refused unless both trajectories have the same
+        ones (`check_frame_ids`); associate by timestamp or image name instead.
 
     The arrays are read-only copies in float64 and int64 (scipy's ``Rotation.apply`` insists on writable ones: hand it a
     ``.copy()``); quaternions are normalised.
@@ -50,6 +55,7 @@ class Trajectory:
     positions: FloatArray
     quaternions: FloatArray
     names: tuple[str, ...] = ()
+    ids_are_counted: bool = False
 
     def __post_init__(self) -> None:
         count = len(self.frame_ids)
@@ -85,8 +91,8 @@ class Trajectory:
         )
 
     def with_frame_ids(self, frame_ids: IntArray) -> Self:
-        """Return the same poses under other frame ids, (n,) and strictly increasing."""
-        return replace(self, frame_ids=frame_ids)
+        """Return the same poses under the ids of the frames that they belong to, (n,) and strictly increasing."""
+        return replace(self, frame_ids=frame_ids, ids_are_counted=False)
 
     def transformed(self, scale: float, rotation: FloatArray, translation: FloatArray) -> Self:
         """Return the trajectory in another world frame: positions become ``scale * rotation @ position + translation``.
