@@ -127,6 +127,6 @@ def _of_frames(trajectory: Trajectory, sequence: Sequence) -> Trajectory:
     if len(trajectory) != len(sequence.frames):
         raise RunError(
             f"the pipeline gave back {len(trajectory)} poses for {len(sequence.frames)} images, numbered by their "
-            "order only, so nothing says which images they belong to; it has to give each pose the frame id of its image"
+            "order only, so nothing says which images they are of; it has to give each pose the frame id of its image"
         )
     return trajectory.with_frame_ids(np.array([frame.frame_id for frame in sequence.frames], dtype=np.int64))
