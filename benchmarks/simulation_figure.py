@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from benchmarks.interval_coverage import NOISY_RUNS
-from gtf_tune.report.figures import theme
+from gtf_tune.report.drawing import theme
 
 _COLOURS = MappingProxyType(
     {"mean": theme.REPROJECTION, "median": theme.GTF_DARK, "gmean": theme.NOMINAL, "trimmed": theme.GROUND_TRUTH}

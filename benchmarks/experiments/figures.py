@@ -11,7 +11,7 @@ from benchmarks.experiments.findings import Findings
 from benchmarks.experiments.plan import AGGREGATE
 from benchmarks.experiments.settings import PREDICTORS
 from benchmarks.experiments.tables import COUNTS
-from gtf_tune.report.figures import theme
+from gtf_tune.report.drawing import theme
 
 FOLDER = "images/results"
 _ROW_PX = 22

@@ -6,15 +6,14 @@ from pathlib import Path
 
 from gtf_tune.display import count
 from gtf_tune.errors import DefinitionError
-from gtf_tune.report.definition import ReportDefinition
+from gtf_tune.report.configuration_runs import ConfigurationRuns, read_configuration
+from gtf_tune.report.definition import PanelChoice, ReportDefinition
 from gtf_tune.report.html import PageHead, Section, render_page
-from gtf_tune.report.panels.blocks import ReportInput
-from gtf_tune.report.panels.registry import PANELS
-from gtf_tune.report.panels.runs import compared_trials
-from gtf_tune.report.setting_runs import read_setting
+from gtf_tune.report.panels.base import ReportInput
+from gtf_tune.report.panels.failures import run_failures
+from gtf_tune.report.panels.registry import panel
 from gtf_tune.report.study_data import StudyData, read_study
-from gtf_tune.report.tables.failures import run_failures
-from gtf_tune.report.tables.trajectories import SettingRuns
+from gtf_tune.report.verdict import compared_trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import log
 from gtf_tune.version import __version__
@@ -33,7 +32,7 @@ def build_report(
         There is no such study, or what is stored is damaged.
     """
     report = read_input(database, study_name, definition, snippets)
-    return render_page(_head(report), build_sections(report))
+    return render_page(_head(report.data, definition.title), build_sections(report, definition))
 
 
 def write_report(
@@ -67,35 +66,43 @@ def read_input(
     failures = run_failures(data)
     return ReportInput(
         data=data,
-        definition=definition,
+        lengths=definition.lengths,
         snippets=dict(snippets or {}),
-        settings=read_settings(database, data),
-        logs={one.example_key: log(database, one.example_key) for one in failures},
+        configurations=read_configurations(database, data),
+        logs={failure.example_key: log(database, failure.example_key) for failure in failures},
     )
 
 
-def build_sections(report: ReportInput) -> list[Section]:
+def build_sections(report: ReportInput, definition: ReportDefinition) -> list[Section]:
     """Return the panels of a report, in the order of its definition."""
-    return [Section(one.kind, one.title, one.text, PANELS[one.kind](report)) for one in report.definition.panels]
+    return [_section(choice, report) for choice in definition.panels]
 
 
-def read_settings(database: Database, data: StudyData) -> dict[str, tuple[SettingRuns, ...]]:
+def read_configurations(database: Database, data: StudyData) -> dict[str, tuple[ConfigurationRuns, ...]]:
     """Return the trajectories of the nominal and of the recommended trial, else the best one, by sequence."""
     by_trial = [
-        read_setting(database, data, f"{name} (trial {ordinal})", ordinal) for name, ordinal in compared_trials(data)
+        read_configuration(database, data, f"{name} (trial {ordinal})", ordinal)
+        for name, ordinal in compared_trials(data)
     ]
-    found = {one.name: tuple(runs[one.name] for runs in by_trial if one.name in runs) for one in data.sequences}
-    return {name: settings for name, settings in found.items() if settings}
+    names = [sequence.name for sequence in data.sequences]
+    found = {name: tuple(runs[name] for runs in by_trial if name in runs) for name in names}
+    return {name: configurations for name, configurations in found.items() if configurations}
 
 
-def _head(report: ReportInput) -> PageHead:
-    data = report.data
+def _section(choice: PanelChoice, report: ReportInput) -> Section:
+    found = panel(choice.kind)
+    title = found.title if choice.title is None else choice.title
+    text = found.text if choice.text is None else choice.text
+    return Section(choice.kind, title, text, found.blocks(report))
+
+
+def _head(data: StudyData, title: str) -> PageHead:
     created = datetime.fromtimestamp(data.study.created_at, UTC).strftime("%Y-%m-%d")
     facts = (
         f"pipeline {data.definition.pipeline.name}",
-        ", ".join(f"{one.name} ({count(one.num_frames, 'frame')})" for one in data.sequences),
+        ", ".join(f"{sequence.name} ({count(sequence.num_frames, 'frame')})" for sequence in data.sequences),
         count(len(data.trials), "trial"),
         f"created {created}",
         f"study is {data.study.state}",
     )
-    return PageHead(report.definition.title, data.study.name, facts, __version__)
+    return PageHead(title, data.study.name, facts, __version__)

@@ -9,9 +9,9 @@ from importlib.resources import files
 
 from plotly.offline import get_plotlyjs
 
-from gtf_tune.report import markup
-from gtf_tune.report.markup import Html
-from gtf_tune.report.panels.blocks import Block, Drawing
+from gtf_tune.report.drawing import markup
+from gtf_tune.report.drawing.markup import Html
+from gtf_tune.report.panels.base import Block, Drawing
 
 _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9._-]+")
 

@@ -8,7 +8,7 @@ import plotly.io
 
 from gtf_tune.errors import DefinitionError
 from gtf_tune.report.html import Section, figure_id
-from gtf_tune.report.panels.blocks import Drawing
+from gtf_tune.report.panels.base import Drawing
 
 _WIDTH_PX = 800
 _WIDE_PX = 1200

@@ -1,18 +1,22 @@
-"""Write what ``gtf-tune noise`` measured as one HTML page."""
+"""The measurements of ``gtf-tune noise`` as one HTML page."""
 
+import math
 from pathlib import Path
 
+import plotly.graph_objects as go
+
 from gtf_tune.errors import DefinitionError
-from gtf_tune.report.figures.noise import draw_score, draw_squares
+from gtf_tune.report.drawing import theme
 from gtf_tune.report.html import PageHead, Section, render_page
-from gtf_tune.report.panels.blocks import Drawing
-from gtf_tune.study.noise.choice import NoiseScale
+from gtf_tune.report.panels.base import Drawing
+from gtf_tune.study.noise.choice import Line, NoiseLevel, NoiseScale
 from gtf_tune.version import __version__
 
 _TEXT = (
     "Left: the score over the noise; the shaded range is linear, the dashed line is the recommended noise, red levels "
     "have runs that collapsed or failed. Right: squares, which add up for independent causes, in the linear range."
 )
+_PERMILLE = 1000.0
 
 
 def write_noise_page(path: Path, scale: NoiseScale, sequence: str, pipeline: str) -> None:
@@ -35,3 +39,78 @@ def write_noise_page(path: Path, scale: NoiseScale, sequence: str, pipeline: str
         path.write_text(page, encoding="utf-8")
     except OSError as error:
         raise DefinitionError(f"{path} cannot be written ({error.strerror}); give another file") from error
+
+
+def draw_score(scale: NoiseScale) -> go.Figure:
+    """Draw score against sigma with the line fitted in the linear range; bars are the spread between instances."""
+    figure = theme.figure()
+    ends = _linear_end(scale)
+    if ends > 0:
+        figure.add_vrect(x0=0, x1=ends, fillcolor=theme.GTF_BAND, line_width=0, layer="below")
+    levels = [scale.floor, *scale.levels]
+    figure.add_trace(_points(levels, 1, scale))
+    figure.add_trace(_fitted(scale.score_line, ends, _PERMILLE))
+    figure.add_vline(x=scale.recommended, line={"color": theme.NOMINAL, "dash": "dash", "width": 1})
+    figure.update_xaxes(**theme.axis("sigma [grey levels]", rangemode="tozero"))
+    figure.update_yaxes(**theme.axis("GTF ATE [‰ of the extent]", rangemode="tozero"))
+    return figure
+
+
+def draw_squares(scale: NoiseScale) -> go.Figure:
+    """Draw score^2 against sigma^2, where independent causes add up, so that the linear range is a straight line."""
+    figure = theme.figure()
+    levels = [scale.floor, *(one for one, inside in zip(scale.levels, scale.linear, strict=True) if inside)]
+    figure.add_trace(_points(levels, 2, scale))
+    figure.add_trace(_fitted(scale.square_line, max(one.sigma for one in levels) ** 2, _PERMILLE**2))
+    figure.update_xaxes(**theme.axis("sigma² [grey levels²]", rangemode="tozero"))
+    figure.update_yaxes(**theme.axis("GTF ATE² [‰²]", rangemode="tozero"))
+    return figure
+
+
+def _linear_end(scale: NoiseScale) -> float:
+    return max((one.sigma for one, inside in zip(scale.levels, scale.linear, strict=True) if inside), default=0.0)
+
+
+def _points(levels: list[NoiseLevel], power: int, scale: NoiseScale) -> go.Scatter:
+    """Return the levels as points (sigma^power, score^power in per mille)."""
+    colours = [
+        theme.WRONG if one.collapsed or one.failed else theme.NOMINAL if one.sigma == scale.recommended else theme.GTF
+        for one in levels
+    ]
+    values = [(_PERMILLE * one.score) ** power if math.isfinite(one.score) else None for one in levels]
+    # The relative spread of a power is that many times the relative spread.
+    spreads = [power * one.spread if math.isfinite(one.spread) else 0.0 for one in levels]
+    return go.Scatter(
+        x=[one.sigma**power for one in levels],
+        y=values,
+        error_y={
+            "array": [(value or 0.0) * spread for value, spread in zip(values, spreads, strict=True)],
+            "color": theme.FAINT,
+            "thickness": 1,
+        },
+        mode="markers",
+        marker={"size": 10, "color": colours},
+        text=[_label(one) for one in levels],
+        hovertemplate="%{text}<extra></extra>",
+        showlegend=False,
+    )
+
+
+def _label(level: NoiseLevel) -> str:
+    return (
+        f"sigma {level.sigma:g}: {_PERMILLE * level.score:.3g} ‰, "
+        f"{level.collapsed} collapsed and {level.failed} failed of {level.runs}"
+    )
+
+
+def _fitted(line: Line, end: float, factor: float) -> go.Scatter:
+    label = f"linear range, R² {line.r_squared:.2f}" if math.isfinite(line.r_squared) else "linear range"
+    ends = [0.0, end] if math.isfinite(line.slope) else []
+    return go.Scatter(
+        x=ends,
+        y=[factor * (line.intercept + line.slope * one) for one in ends],
+        mode="lines",
+        name=label,
+        line={"color": theme.GTF_DARK},
+        showlegend=True,
+    )

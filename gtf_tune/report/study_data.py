@@ -1,4 +1,4 @@
-"""Read what a report shows from the database."""
+"""What a report shows, read from the database."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -98,6 +98,12 @@ def read_study(database: Database, name: str) -> StudyData:
         runs=tuple(runs.of_study(database, search.study.id)),
         confirmation_runs=tuple(runs.find(database, keys).values()),
     )
+
+
+def runs_made(runs: Sequence[TrialRun]) -> tuple[TrialRun, ...]:
+    """Return each run that was executed for a trial of this study, once, in the order in which they started."""
+    first = {one.run.id: one for one in reversed(runs) if not one.reused}
+    return tuple(sorted(first.values(), key=lambda one: (one.run.started_at, one.run.id)))
 
 
 def _with_trials(

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gtf_tune.report.tables.agreement import Agreement, agreement
-from gtf_tune.report.tables.points import TrialPoint
+from gtf_tune.report.panels.agreement import Agreement, agreement
+from gtf_tune.report.points import TrialPoint
 
 
 def compare(xs: list[float], ys: list[float]) -> Agreement | None:

@@ -5,7 +5,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gtf_tune.metrics import ate
-from gtf_tune.report.tables.trajectories import SettingRuns, align_runs, frame_spread, lay_on_each_other
+from gtf_tune.report.aligned_runs import align_runs, in_one_frame
+from gtf_tune.report.configuration_runs import ConfigurationRuns
+from gtf_tune.report.panels.frames import frame_spread
 from gtf_tune.trajectory import Trajectory
 
 FRAMES = 12
@@ -23,8 +25,8 @@ def walk(seed: int = 0, noise: float = 0.0, frames: int = FRAMES) -> Trajectory:
     )
 
 
-def setting(clean: list[Trajectory], noisy: list[Trajectory]) -> SettingRuns:
-    return SettingRuns("nominal", tuple(clean), tuple(noisy), FRAMES)
+def setting(clean: list[Trajectory], noisy: list[Trajectory]) -> ConfigurationRuns:
+    return ConfigurationRuns("nominal", tuple(clean), tuple(noisy), FRAMES)
 
 
 @given(scale=st.floats(0.1, 10), seed=st.integers(0, 1000))
@@ -81,7 +83,7 @@ def test_thinning_keeps_the_ends_of_a_run() -> None:
 def test_settings_are_drawn_in_one_world_frame() -> None:
     moved = walk().transformed(2.0, Rotation.from_euler("z", 1.0).as_matrix(), np.array([5.0, 0.0, 0.0]))
 
-    first, second = lay_on_each_other([setting([walk()], []), setting([moved], [])])
+    first, second = in_one_frame([setting([walk()], []), setting([moved], [])])
 
     assert np.allclose(first.clean[0].positions, second.clean[0].positions)
 

@@ -13,7 +13,7 @@ import optuna_dashboard
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from gtf_tune.report.dashboard import notes, sync
+from gtf_tune.report.dashboard import attachments, notes
 from gtf_tune.report.dashboard.place import artifact_folder, turn_to_write
 from gtf_tune.report.dashboard.sync import DashboardSync
 from gtf_tune.report.study_data import read_search, read_trials
@@ -173,7 +173,7 @@ def test_a_study_is_current_until_something_changes(
 
 def test_a_fault_is_one_warning_and_never_an_error(own_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     warnings: list[str] = []
-    monkeypatch.setattr(sync, "key_figures", lambda data: 1 / 0)
+    monkeypatch.setattr(attachments, "key_figures", lambda data: 1 / 0)
     synced = DashboardSync(own_database, "synthetic", warn=warnings.append, refresh_s=0.0)
 
     synced.study_started()
@@ -189,7 +189,7 @@ def test_a_fault_of_the_database_is_one_line(own_database: Database, monkeypatch
         raise OperationalError("SELECT 1", {}, sqlite3.OperationalError("went\n  away"))
 
     warnings: list[str] = []
-    monkeypatch.setattr(sync, "key_figures", refuse)
+    monkeypatch.setattr(attachments, "key_figures", refuse)
     DashboardSync(own_database, "synthetic", warn=warnings.append, refresh_s=0.0).study_started()
 
     assert "refused a request: went away; run" in warnings[0]

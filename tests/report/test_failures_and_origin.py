@@ -1,10 +1,10 @@
 import json
 from dataclasses import replace
 
+from gtf_tune.report.details import nominal_floor, sequence_detail
+from gtf_tune.report.panels.failures import run_failures, trial_faults
+from gtf_tune.report.panels.reproducibility import provenance
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.tables.details import nominal_floor, sequence_detail
-from gtf_tune.report.tables.failures import run_failures, trial_faults
-from gtf_tune.report.tables.provenance import provenance
 from gtf_tune.study.scoring.coverage import CoverageFloor
 
 

@@ -5,17 +5,21 @@ import plotly.graph_objects as go
 import pytest
 
 from gtf_tune.display import sequence_unit
-from gtf_tune.report.figures import theme
-from gtf_tune.report.figures.hover import shortened, trial_text
-from gtf_tune.report.figures.matrices import matrix_figure
-from gtf_tune.report.figures.options import option_figure
-from gtf_tune.report.figures.search import history_figure, importance_figure, parallel_figure
-from gtf_tune.report.panels.scores import searched_axes
+from gtf_tune.report.details import sequence_detail
+from gtf_tune.report.drawing import theme
+from gtf_tune.report.drawing.hover import shortened, trial_text
+from gtf_tune.report.option_axis import searched_axes
+from gtf_tune.report.panels.matrices import matrix_figure
+from gtf_tune.report.panels.options import option_curve, option_figure
+from gtf_tune.report.panels.search import (
+    history_figure,
+    importance_figure,
+    infeasible_level,
+    optuna_copy,
+    parallel_figure,
+)
+from gtf_tune.report.points import TrialPoint, study_points
 from gtf_tune.report.study_data import StudyData, read_study
-from gtf_tune.report.tables.details import sequence_detail
-from gtf_tune.report.tables.options import option_curve
-from gtf_tune.report.tables.optuna_copy import infeasible_level, optuna_copy
-from gtf_tune.report.tables.points import TrialPoint, study_points
 from gtf_tune.store.database import Database
 
 

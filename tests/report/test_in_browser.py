@@ -12,7 +12,7 @@ import pytest
 from gtf_tune.report.build import write_report
 from gtf_tune.report.dashboard.server import DashboardServer
 from gtf_tune.report.dashboard.sync import DashboardSync
-from gtf_tune.report.definition import default_report_definition
+from gtf_tune.report.definition import ReportDefinition
 from gtf_tune.store.database import Database
 
 QUIET = [
@@ -69,7 +69,7 @@ def dashboard(own_database: Database) -> Iterator[str]:
 
 def test_every_figure_of_the_report_is_drawn(database: Database, load: Load, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
-    write_report(path, database, "synthetic", default_report_definition())
+    write_report(path, database, "synthetic", ReportDefinition())
 
     page = load(path.as_uri())
 

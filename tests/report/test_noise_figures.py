@@ -4,9 +4,8 @@ from pathlib import Path
 import pytest
 
 from gtf_tune.errors import DefinitionError
-from gtf_tune.report.figures import theme
-from gtf_tune.report.figures.noise import draw_score, draw_squares
-from gtf_tune.report.noise_page import write_noise_page
+from gtf_tune.report.drawing import theme
+from gtf_tune.report.noise_page import draw_score, draw_squares, write_noise_page
 from gtf_tune.study.noise.choice import NoiseLevel, NoiseScale, noise_scale
 
 RESPONSE = 1e-3

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gtf_tune import display
-from gtf_tune.report import markup
 from gtf_tune.report.dashboard import markdown
+from gtf_tune.report.drawing import markup
 
 
 @pytest.mark.parametrize(

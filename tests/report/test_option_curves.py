@@ -4,8 +4,9 @@ import pytest
 
 from gtf_tune.definition import RangeAxis, ValuesAxis
 from gtf_tune.display import ScoreUnit
-from gtf_tune.report.tables.options import OptionAxis, option_axis, option_curve, options_at_an_edge
-from gtf_tune.report.tables.points import PointSet, TrialPoint
+from gtf_tune.report.option_axis import OptionAxis, option_axis, options_at_an_edge
+from gtf_tune.report.panels.options import option_curve
+from gtf_tune.report.points import PointSet, TrialPoint
 
 LOG = RangeAxis(low=1e-4, high=0.1, log=True)
 UNIT = ScoreUnit("GTF ATE", 1000.0, "‰ of extent", "per mille of the extent")

@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import pytest
 
+from gtf_tune.report.points import sequence_points, study_points
 from gtf_tune.report.study_data import StudyData, read_study
-from gtf_tune.report.tables.points import sequence_points, study_points
 from gtf_tune.store.database import Database
 from gtf_tune.store.ground_truth_errors import Validation
 

@@ -1,24 +1,51 @@
 import re
 from pathlib import Path
-from typing import get_args
 
 import pytest
 
 from gtf_tune.errors import DefinitionError
-from gtf_tune.report.definition import PanelKind, default_report_definition, load_report_definition
-from gtf_tune.report.panels.registry import PANELS
+from gtf_tune.report import panels
+from gtf_tune.report.build import build_sections
+from gtf_tune.report.definition import ReportDefinition, load_report_definition
+from gtf_tune.report.drawing.markup import Html
+from gtf_tune.report.panels import registry
+from gtf_tune.report.panels.base import ReportInput
+from gtf_tune.report.panels.registry import panel
+from gtf_tune.report.study_data import StudyData
 
-SHIPPED = Path(__file__).parents[2] / "dashboards" / "report.toml"
+SHIPPED = Path(__file__).parents[2] / "dashboards" / "paper.toml"
 
 
-def test_the_shipped_definition_is_the_default_one() -> None:
-    assert load_report_definition(SHIPPED) == default_report_definition()
+def test_the_shipped_definition_is_valid() -> None:
+    assert next(choice.kind for choice in load_report_definition(SHIPPED).panels) == "options"
 
 
-def test_the_default_definition_shows_every_panel() -> None:
-    shown = {panel.kind for panel in default_report_definition().panels}
+def test_without_a_definition_every_panel_is_shown_under_its_own_title() -> None:
+    shown = ReportDefinition().panels
 
-    assert shown == set(get_args(PanelKind)) == set(PANELS)
+    assert tuple(choice.kind for choice in shown) == registry.KINDS
+    assert all(panel(choice.kind).title for choice in shown)
+
+
+def test_every_module_of_a_panel_is_registered() -> None:
+    modules = {path.stem for path in Path(str(panels.__file__)).parent.glob("*.py")}
+
+    assert modules - {"__init__", "base", "registry"} == set(registry.KINDS)
+
+
+def test_a_new_panel_is_one_file_and_one_line(data: StudyData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "weather.py").write_text(
+        "from gtf_tune.report.drawing import markup\n"
+        "from gtf_tune.report.panels.base import Panel\n"
+        "PANEL = Panel('Weather', lambda report: [markup.paragraph(f'{len(report.data.trials)} sunny trials')])\n"
+    )
+    monkeypatch.setattr(panels, "__path__", [*panels.__path__, str(tmp_path)])
+    monkeypatch.setattr(registry, "KINDS", (*registry.KINDS, "weather"))
+
+    sections = build_sections(ReportInput(data), ReportDefinition())
+
+    assert (sections[-1].kind, sections[-1].title) == ("weather", "Weather")
+    assert sections[-1].blocks == [Html(f"<p>{len(data.trials)} sunny trials</p>")]
 
 
 def test_a_shorter_definition_chooses_and_orders_panels(tmp_path: Path) -> None:
@@ -27,7 +54,20 @@ def test_a_shorter_definition_chooses_and_orders_panels(tmp_path: Path) -> None:
 
     definition = load_report_definition(path)
 
-    assert [(panel.kind, panel.title) for panel in definition.panels] == [("trials", "All"), ("verdict", "What now?")]
+    assert [(choice.kind, choice.title) for choice in definition.panels] == [
+        ("trials", "All"),
+        ("verdict", "What now?"),
+    ]
+
+
+def test_title_and_text_of_a_definition_replace_those_of_the_panel(data: StudyData, tmp_path: Path) -> None:
+    path = tmp_path / "own.toml"
+    path.write_text('[[panels]]\nkind = "coverage"\ntitle = "Frames"\n[[panels]]\nkind = "frames"\ntext = ""\n')
+
+    first, second = build_sections(ReportInput(data), load_report_definition(path))
+
+    assert (first.title, first.text) == ("Frames", panel("coverage").text)
+    assert (second.title, second.text) == (panel("frames").title, "")
 
 
 @pytest.mark.parametrize(

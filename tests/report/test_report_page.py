@@ -10,13 +10,14 @@ import pytest
 from gtf_tune.errors import DefinitionError, StorageError
 from gtf_tune.report import images
 from gtf_tune.report.build import build_report, build_sections, read_input, write_report
-from gtf_tune.report.definition import PanelDefinition, ReportDefinition, default_report_definition
+from gtf_tune.report.definition import PanelChoice, ReportDefinition
 from gtf_tune.report.html import figure_id
 from gtf_tune.report.images import write_images
-from gtf_tune.report.panels.blocks import Drawing
+from gtf_tune.report.panels.base import Drawing
+from gtf_tune.report.panels.registry import KINDS, panel
 from gtf_tune.store.database import Database
 
-DEFINITION = default_report_definition()
+DEFINITION = ReportDefinition()
 MEGABYTE = 10**6
 
 
@@ -36,8 +37,8 @@ def test_the_verdict_stands_on_top_with_what_it_cost_and_what_to_copy(page: str)
 
 
 def test_every_panel_is_there_under_its_title(page: str) -> None:
-    for panel in DEFINITION.panels:
-        assert f'<section id="{panel.kind}"><h2>{panel.title}</h2>' in page
+    for kind in KINDS:
+        assert f'<section id="{kind}"><h2>{panel(kind).title}</h2>' in page
 
 
 def test_figures_are_data_in_the_page_and_need_no_network(page: str) -> None:
@@ -71,7 +72,7 @@ def test_a_confirmed_study_says_adopt_and_why(
 
 
 def test_a_study_without_trials_says_so_in_every_panel(database: Database) -> None:
-    sections = build_sections(read_input(database, "empty", DEFINITION))
+    sections = build_sections(read_input(database, "empty", DEFINITION), DEFINITION)
 
     assert not [block for section in sections for block in section.blocks if isinstance(block, Drawing)]
     assert all(section.blocks for section in sections)
@@ -86,7 +87,7 @@ def test_a_study_without_ground_truth_says_that_nothing_can_be_compared(database
 
 
 def test_several_sequences_have_figures_together_and_each(database: Database) -> None:
-    sections = build_sections(read_input(database, "two", DEFINITION))
+    sections = build_sections(read_input(database, "two", DEFINITION), DEFINITION)
 
     titles = [block.title for section in sections for block in section.blocks if isinstance(block, Drawing)]
     assert {f"filter.max_error ({scope})" for scope in ("all sequences", "walk", "room")} <= set(titles)
@@ -94,7 +95,7 @@ def test_several_sequences_have_figures_together_and_each(database: Database) ->
 
 
 def test_names_of_figures_are_different_and_fit_for_files(database: Database) -> None:
-    sections = build_sections(read_input(database, "two", DEFINITION))
+    sections = build_sections(read_input(database, "two", DEFINITION), DEFINITION)
 
     names = [figure_id(one.name) for section in sections for one in section.blocks if isinstance(one, Drawing)]
     assert len(set(names)) == len(names)
@@ -102,7 +103,7 @@ def test_names_of_figures_are_different_and_fit_for_files(database: Database) ->
 
 
 def test_a_definition_chooses_the_panels(database: Database) -> None:
-    short = ReportDefinition(panels=(PanelDefinition(kind="trials", title="<All>"),))
+    short = ReportDefinition(panels=(PanelChoice(kind="trials", title="<All>"),))
 
     page = build_report(database, "synthetic", short)
 
@@ -111,7 +112,7 @@ def test_a_definition_chooses_the_panels(database: Database) -> None:
 
 
 def test_trials_beyond_the_first_rows_are_folded_away(database: Database) -> None:
-    short = ReportDefinition(panels=(PanelDefinition(kind="trials", title="Trials"),), trial_rows=4)
+    short = ReportDefinition(panels=(PanelChoice(kind="trials", title="Trials"),), trial_rows=4)
 
     assert "6 more trials" in build_report(database, "synthetic", short)
 
@@ -132,9 +133,9 @@ def test_images_are_drawn_at_the_size_of_their_figures(
     asked: dict[str, list[object]] = {}
     monkeypatch.setattr(images, "require_kaleido", lambda: None)
     monkeypatch.setattr(plotly.io, "write_images", lambda **wishes: asked.update(wishes))
-    short = ReportDefinition(panels=(PanelDefinition(kind="search", title="Search"),))
+    short = ReportDefinition(panels=(PanelChoice(kind="search", title="Search"),))
 
-    paths = write_images(tmp_path / "new", build_sections(read_input(database, "synthetic", short)))
+    paths = write_images(tmp_path / "new", build_sections(read_input(database, "synthetic", short), short))
 
     assert [path.name for path in paths] == ["history.png", "parallel-coordinates.png", "importance.png"]
     assert asked["file"] == [str(path) for path in paths]
@@ -151,7 +152,7 @@ def test_images_without_a_browser_name_what_to_install(
     monkeypatch.setattr(plotly.io, "write_images", fail)
 
     with pytest.raises(DefinitionError, match="install Chrome or Chromium"):
-        write_images(tmp_path, build_sections(read_input(database, "synthetic", DEFINITION)))
+        write_images(tmp_path, build_sections(read_input(database, "synthetic", DEFINITION), DEFINITION))
 
 
 def test_images_without_kaleido_name_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

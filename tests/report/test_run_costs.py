@@ -3,9 +3,9 @@ from dataclasses import replace
 
 import pytest
 
-from gtf_tune.report.study_data import StudyData, read_study
-from gtf_tune.report.tables.costs import OTHER, run_costs, runs_made, stage_costs, study_cost
-from gtf_tune.report.tables.timeline import lane_counts, timeline
+from gtf_tune.report.panels.costs import OTHER, run_costs, stage_costs, study_cost
+from gtf_tune.report.panels.timeline import lane_counts, timeline
+from gtf_tune.report.study_data import StudyData, read_study, runs_made
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import StoredRun, TrialRun
 

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from gtf_tune.report.build import read_settings
-from gtf_tune.report.panels.runs import compared_trials
+from gtf_tune.report.build import read_configurations
 from gtf_tune.report.panels.verdict import verdict_headline, verdict_sentences
 from gtf_tune.report.study_data import StudyData, read_search, read_study
-from gtf_tune.report.tables.verdict import study_verdict
+from gtf_tune.report.verdict import compared_trials, study_verdict
 from gtf_tune.store.database import Database
 from gtf_tune.study.outcome.verdicts import NO_VERDICT
 
@@ -61,7 +60,7 @@ def test_the_adopted_trial_is_drawn_beside_nominal_though_another_was_the_best_o
     both = {"candidates": [best, {**best, "ordinal": 8}], "adopted": 8}
     data = replace(data, confirmations=(replace(found, result={**found.result, **both}),))
 
-    settings = read_settings(own_database, data)["walk"]
+    settings = read_configurations(own_database, data)["walk"]
 
     assert verdict_headline(study_verdict(data)) == "Adopt the options of trial 8"
     assert compared_trials(data) == [("nominal", 0), ("recommended", 8)]

@@ -33,7 +33,7 @@ def report(
     ] = None,
     format_: Annotated[Format, typer.Option("--format", help="One page, or every figure as an image.")] = Format.html,
     definition: Annotated[
-        Path | None, typer.Option("--definition", help="Which panels, in which order; see dashboards/report.toml.")
+        Path | None, typer.Option("--definition", help="Which panels, in which order; see dashboards/paper.toml.")
     ] = None,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
@@ -49,7 +49,7 @@ def report(
     if format_ is Format.png:
         require_kaleido()
         folder = output or Path(f"{name}-figures")
-        written = write_images(folder, build_sections(read_input(database, name, panels)))
+        written = write_images(folder, build_sections(read_input(database, name, panels), panels))
         say(f"wrote {len(written)} figures to {folder}")
         return
     path = output or Path(f"{name}.html")
@@ -105,9 +105,9 @@ def snippets(database: "Database", name: str) -> dict[str, str]:
 
 
 def _panels(path: Path | None) -> "ReportDefinition":
-    from gtf_tune.report.definition import default_report_definition, load_report_definition
+    from gtf_tune.report.definition import ReportDefinition, load_report_definition
 
-    return default_report_definition() if path is None else load_report_definition(path)
+    return ReportDefinition() if path is None else load_report_definition(path)
 
 
 def _line(trial: "Trial", nominal: float | None, unit: "ScoreUnit") -> str:

@@ -1,4 +1,4 @@
-"""Make the files that optuna-dashboard shows beside a study and its trials."""
+"""The figures and files that optuna-dashboard shows beside a study and its trials."""
 
 import csv
 import io
@@ -6,20 +6,33 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from gtf_tune.display import sequence_unit, significant
-from gtf_tune.report.dashboard.drawing import trajectory_svg
+from gtf_tune.report.aligned_runs import align_runs
+from gtf_tune.report.configuration_runs import ConfigurationRuns
+from gtf_tune.report.dashboard.trajectory_svg import trajectory_svg
+from gtf_tune.report.details import sequence_detail
+from gtf_tune.report.panels.base import Drawing, ReportInput
+from gtf_tune.report.panels.registry import panel
+from gtf_tune.report.points import study_points
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.tables.details import sequence_detail
-from gtf_tune.report.tables.points import study_points
-from gtf_tune.report.tables.trajectories import SettingRuns, align_runs
+
+_PANELS = ("options", "agreement", "matrices", "coverage")
+_MOST_FIGURES = 10
 
 
 @dataclass(frozen=True)
 class Attachment:
-    """Hold one file: its name as shown, its media type and its content."""
+    """One file: its name as shown, its media type and its content."""
 
     name: str
     media_type: str
     content: bytes
+
+
+def key_figures(data: StudyData) -> list[Drawing]:
+    """Return the figures that need neither runs nor trajectories, the most telling first."""
+    report = ReportInput(data)
+    drawings = [block for kind in _PANELS for block in panel(kind).blocks(report) if isinstance(block, Drawing)]
+    return drawings[:_MOST_FIGURES]
 
 
 def matrix_table(data: StudyData, ordinal: int) -> Attachment | None:
@@ -57,12 +70,12 @@ def trial_table(data: StudyData) -> Attachment:
     return Attachment("trials.csv", "text/csv", _csv(columns, rows))
 
 
-def trajectory_image(settings: SettingRuns, sequence: str) -> Attachment | None:
+def trajectory_image(configuration: ConfigurationRuns, sequence: str) -> Attachment | None:
     """Return the runs of one trial on one sequence as an image, None where none has poses."""
-    runs = align_runs(settings)
+    runs = align_runs(configuration)
     if not runs:
         return None
-    return Attachment(f"{sequence}.svg", "image/svg+xml", trajectory_svg(runs, f"{sequence}, {settings.title}"))
+    return Attachment(f"{sequence}.svg", "image/svg+xml", trajectory_svg(runs, f"{sequence}, {configuration.title}"))
 
 
 def failure_log(texts: Iterable[tuple[str, str]]) -> Attachment | None:

@@ -5,11 +5,11 @@ import math
 from gtf_tune.definition import RangeAxis
 from gtf_tune.display import UNKNOWN, count, definition_unit, interval, percent, share, significant, value_text
 from gtf_tune.report.dashboard.markdown import inline_code, plain, table
+from gtf_tune.report.panels.failures import run_failures
 from gtf_tune.report.panels.verdict import verdict_headline, verdict_sentences
+from gtf_tune.report.points import PointSet, TrialPoint, study_points
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.tables.failures import run_failures
-from gtf_tune.report.tables.points import PointSet, TrialPoint, study_points
-from gtf_tune.report.tables.verdict import study_verdict
+from gtf_tune.report.verdict import study_verdict
 from gtf_tune.study.scoring.objective import penalty
 
 KEPT_BELOW = "*gtf-tune keeps everything above this line up to date; what you write below it is kept.*"

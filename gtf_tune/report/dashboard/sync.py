@@ -11,16 +11,14 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from gtf_tune.display import definition_unit
 from gtf_tune.pipelines.run import digest
+from gtf_tune.report.configuration_runs import read_configuration
 from gtf_tune.report.dashboard import attachments, notes
 from gtf_tune.report.dashboard.attachments import Attachment
-from gtf_tune.report.dashboard.figures import key_figures
 from gtf_tune.report.dashboard.place import artifact_folder, artifact_store, turn_to_write
 from gtf_tune.report.dashboard.writer import DashboardWriter
 from gtf_tune.report.panels.verdict import verdict_headline
-from gtf_tune.report.setting_runs import read_setting
-from gtf_tune.report.study_data import StudyData, read_search, read_trials
-from gtf_tune.report.tables.costs import runs_made
-from gtf_tune.report.tables.verdict import study_verdict
+from gtf_tune.report.study_data import StudyData, read_search, read_trials, runs_made
+from gtf_tune.report.verdict import study_verdict
 from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.errors import storage_error
@@ -124,7 +122,7 @@ class DashboardSync(Silent):
         data, writer = read_search(self._database, self._name), self._opened()
         writer.write_headline(_metric_name(data), _facts(data))
         writer.write_study_note(notes.study_note(data, writer.study_note()))
-        for drawing in key_figures(data):
+        for drawing in attachments.key_figures(data):
             writer.write_figure(drawing)
         for attachment in self._study_files(data):
             writer.write_study_file(attachment)
@@ -163,7 +161,7 @@ class DashboardSync(Silent):
         named = [
             (f"{one.sequence_name}, {one.run.kind} run {one.run.index}: {one.run.error}", one.run.key) for one in own
         ]
-        settings = read_setting(self._database, data, f"trial {ordinal}", ordinal)
+        settings = read_configuration(self._database, data, f"trial {ordinal}", ordinal)
         images = [attachments.trajectory_image(one, name) for name, one in settings.items()]
         log = attachments.failure_log((name, runs.log(self._database, key)) for name, key in named)
         return [one for one in (attachments.matrix_table(data, ordinal), *images, log) if one is not None]

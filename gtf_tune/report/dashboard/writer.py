@@ -16,9 +16,9 @@ from optuna.exceptions import ExperimentalWarning
 from optuna.storages import BaseStorage
 
 from gtf_tune.report.dashboard.attachments import Attachment
-from gtf_tune.report.figures import theme
+from gtf_tune.report.drawing import theme
 from gtf_tune.report.html import figure_id
-from gtf_tune.report.panels.blocks import Drawing
+from gtf_tune.report.panels.base import Drawing
 
 _NAMESPACE = uuid.UUID("9f0c7a52-3d0b-5c1e-8e43-6a1d6f4f2b77")
 _WRITTEN_FOR = "gtf-tune:written-for"

@@ -1,21 +1,112 @@
-"""Show how the search went: history, importances, every trial, coverage."""
+"""How the search went, in Optuna's own figures."""
 
 import math
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from html import escape
 
 import optuna
+import plotly.graph_objects as go
+from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution
+from optuna.exceptions import ExperimentalWarning
+from optuna.importance import PedAnovaImportanceEvaluator
+from optuna.trial import FrozenTrial, TrialState, create_trial
 
-from gtf_tune.display import duration, interval, percent, share, significant, value_text
-from gtf_tune.report import markup
-from gtf_tune.report.figures.search import coverage_figure, history_figure, importance_figure, parallel_figure
-from gtf_tune.report.markup import Html
-from gtf_tune.report.panels.blocks import Block, Drawing, ReportInput
-from gtf_tune.report.panels.scores import searched_axes
-from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.tables.details import nominal_floor
-from gtf_tune.report.tables.optuna_copy import optuna_copy
-from gtf_tune.report.tables.points import PointSet, TrialPoint, study_points
+from gtf_tune.display import value_text
+from gtf_tune.report.drawing import markup, theme
+from gtf_tune.report.drawing.axes import spreads_far
+from gtf_tune.report.drawing.hover import trial_text
+from gtf_tune.report.option_axis import OptionAxis, searched_axes
+from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
+from gtf_tune.report.points import PointSet, TrialPoint, study_points
 
+_CONSTRAINT = "coverage"
+_ABOVE_THE_WORST = 1.1
+_INCOMPLETE = {"pruned": TrialState.PRUNED, "failed": TrialState.FAIL}
+_STATES = (
+    ("infeasible", theme.WRONG, "x-thin"),
+    ("pruned", theme.REPROJECTION, "triangle-down"),
+    ("failed", theme.INK, "cross-thin"),
+)
 _FEWEST_FOR_IMPORTANCE = 8
+
+
+def optuna_copy(points: PointSet, axes: Sequence[OptionAxis]) -> optuna.Study:
+    """Return a study with the same trial numbers, options and states.
+
+    Infeasible trials have a penalty for a value, which would hide all others in a figure: here they lie a tenth above
+    the worst feasible value, and are marked as infeasible.
+    """
+    with _without_messages():
+        study = optuna.create_study(direction="minimize", sampler=optuna.samplers.RandomSampler(seed=0))
+    ceiling = infeasible_level(points)
+    by_name = {axis.option: axis for axis in axes}
+    study.add_trials([_copied(point, by_name, ceiling) for point in points.points])
+    return study
+
+
+def infeasible_level(points: PointSet) -> float:
+    """Return where infeasible trials are drawn: a tenth above the worst feasible value."""
+    return _ABOVE_THE_WORST * max((point.value for point in points.scored), default=1.0)
+
+
+def history_figure(study: optuna.Study, points: PointSet) -> go.Figure:
+    """Return Optuna's optimisation history, with infeasible, pruned and failed trials marked as such."""
+    drawn = theme.restyled(optuna.visualization.plot_optimization_history(study))
+    for trace, (name, style) in zip(drawn.data, _history_styles(points), strict=False):
+        trace.update(name=name, **style)
+    drawn.data = drawn.data[:2]
+    by_ordinal = {point.ordinal: point for point in points.points}
+    drawn.data[0].update(
+        hovertext=[trial_text(by_ordinal[ordinal], points) for ordinal in drawn.data[0].x], hoverinfo="text"
+    )
+    for state, colour, symbol in _STATES:
+        _add_state(drawn, points, state, (colour, symbol))
+    far = spreads_far([point.value for point in points.scored])
+    drawn.update_layout(
+        xaxis=theme.axis("trial"),
+        yaxis=theme.axis(points.unit.label, **({"type": "log", "dtick": 1} if far else {})),
+    )
+    return drawn
+
+
+def parallel_figure(study: optuna.Study, points: PointSet, options: Sequence[str]) -> go.Figure:
+    """Return Optuna's parallel coordinates with whole option names; infeasible trials are dotted."""
+    drawn = theme.restyled(
+        optuna.visualization.plot_parallel_coordinate(study, target_name=points.unit.label),
+        430,
+    )
+    labels = [points.unit.name, *(_folded(option) for option in sorted(options))]
+    drawn.update_layout(
+        xaxis={**theme.axis(), "ticktext": labels, "showgrid": False, "showline": False, "ticks": ""},
+        margin={"l": 70, "t": 50, "b": 75},
+    )
+    return drawn
+
+
+def importance_figure(study: optuna.Study) -> go.Figure:
+    """Return Optuna's importances by PED-ANOVA: which options decide whether a setting is among the best.
+
+    Raises
+    ------
+    ValueError
+        There are too few trials, or they do not differ.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ExperimentalWarning)
+        evaluator = PedAnovaImportanceEvaluator()
+        drawn = optuna.visualization.plot_param_importances(study, evaluator=evaluator)
+    names = len(study.best_trial.params)
+    styled = theme.restyled(drawn, 90 + 34 * names)
+    styled.update_traces(marker_color=theme.GTF, hoverinfo="x+y", hovertemplate=None)
+    styled.update_layout(
+        showlegend=False,
+        xaxis=theme.axis("share of the importance"),
+        yaxis=theme.axis("", showgrid=False),
+        margin={"r": 60, "t": 10},
+    )
+    return styled
 
 
 def search_panel(report: ReportInput) -> list[Block]:
@@ -37,38 +128,68 @@ def search_panel(report: ReportInput) -> list[Block]:
     return [*blocks, _importance(study, points)]
 
 
-def trials_panel(report: ReportInput) -> list[Block]:
-    """Return the trials as a table, the best first, those beyond the first rows folded away."""
-    points = study_points(report.data)
-    if not points.points:
-        return [markup.missing("No trial has begun yet.")]
-    ordered = sorted(points.points, key=_rank)
-    shown = report.definition.trial_rows
-    blocks: list[Block] = [_trial_table(points, ordered[:shown], list(report.data.definition.space))]
-    if len(ordered) > shown:
-        rest = _trial_table(points, ordered[shown:], list(report.data.definition.space))
-        blocks.append(markup.folded(f"{len(ordered) - shown} more trials", rest))
-    return blocks
+def _copied(point: TrialPoint, axes: Mapping[str, OptionAxis], ceiling: float) -> FrozenTrial:
+    params = {name: _copied_value(axes[name], value) for name, value in point.options.items() if name in axes}
+    complete = point.is_scored or point.state == "infeasible"
+    return create_trial(
+        state=TrialState.COMPLETE if complete else _INCOMPLETE.get(point.state, TrialState.RUNNING),
+        value=(point.value if point.is_scored else ceiling) if complete else None,
+        params=params,
+        distributions={name: _distribution(axes[name]) for name in params},
+        constraints={_CONSTRAINT: 0.0 if point.is_scored else 1.0} if complete else None,
+    )
 
 
-def coverage_panel(report: ReportInput) -> list[Block]:
-    """Return the coverage of each trial, with the floors of each sequence."""
-    data, points = report.data, study_points(report.data)
-    if not any(math.isfinite(point.coverage) for point in points.points):
-        return [markup.missing("No trial is complete yet, so there is no coverage to show.")]
-    drawn = coverage_figure(points, [floor for one in data.sequences for floor in _floors(data, one.name)])
-    return [Drawing("coverage", "", drawn, is_wide=True)]
+def _copied_value(axis: OptionAxis, value: bool | int | float | str) -> float | str:
+    return value_text(value) if axis.scale == "categories" else float(value)
 
 
-def _floors(data: StudyData, sequence: str) -> list[tuple[str, float]]:
-    """Return the names and the values of the floors of a sequence: one, or two where noise costs nominal frames."""
-    found = nominal_floor(data, sequence)
-    if found is None:
-        return []
-    name = sequence if data.has_several_sequences else ""
-    if found.clean == found.noisy:
-        return [(name, found.clean)]
-    return [(f"{name} clean runs".strip(), found.clean), (f"{name} noisy runs".strip(), found.noisy)]
+def _distribution(axis: OptionAxis) -> BaseDistribution:
+    if axis.scale == "categories":
+        return CategoricalDistribution(axis.categories)
+    return FloatDistribution(axis.low, axis.high, log=axis.scale == "log")
+
+
+@contextmanager
+def _without_messages() -> Iterator[None]:
+    before = optuna.logging.get_verbosity()
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    try:
+        yield
+    finally:
+        optuna.logging.set_verbosity(before)
+
+
+def _history_styles(points: PointSet) -> list[tuple[str, dict[str, object]]]:
+    marker = {"color": theme.GTF, "size": 7, "line": {"color": "white", "width": 1}}
+    line = {"color": theme.GTF_DARK, "width": 2, "shape": "hv"}
+    return [(points.unit.name, {"marker": marker}), ("best so far", {"line": line, "mode": "lines"})]
+
+
+def _add_state(drawn: go.Figure, points: PointSet, state: str, style: tuple[str, str]) -> None:
+    chosen = [point for point in points.points if point.state == state]
+    if chosen:
+        colour, symbol = style
+        drawn.add_scatter(
+            x=[point.ordinal for point in chosen],
+            y=[point.value if math.isfinite(point.value) else infeasible_level(points) for point in chosen],
+            mode="markers",
+            name=state,
+            marker={"color": colour, "symbol": symbol, "size": 9, "line": {"color": colour, "width": 2}},
+            hovertext=[trial_text(point, points) for point in chosen],
+            hoverinfo="text",
+        )
+
+
+def _folded(option: str, width: int = 22) -> str:
+    """Return an option name in lines of about so many characters, broken at its dots."""
+    lines = [""]
+    for part in option.split("."):
+        piece = part if lines == [""] else f".{part}"
+        if lines[-1] and len(lines[-1]) + len(piece) > width:
+            lines.append("")
+        lines[-1] += piece
+    return "<br>".join(escape(line) for line in lines)
 
 
 def _importance(study: optuna.Study, points: PointSet) -> Block:
@@ -80,38 +201,4 @@ def _importance(study: optuna.Study, points: PointSet) -> Block:
     return Drawing("importance", "Importance of the options (PED-ANOVA)", importance_figure(study), is_wide=True)
 
 
-def _rank(point: TrialPoint) -> tuple[int, float, int]:
-    order = ("feasible", "infeasible", "pruned", "failed", "running")
-    value = point.value if math.isfinite(point.value) else math.inf
-    return order.index(point.state), value, point.ordinal
-
-
-def _trial_table(points: PointSet, rows: list[TrialPoint], options: list[str]) -> Html:
-    has_truth = points.has_ground_truth
-    columns = [">trial", "state", f">{points.unit.label}", ">95 % interval", ">improvement"]
-    columns += [*([f">{points.truth_label}"] if has_truth else []), ">coverage", ">collapsed", ">time"]
-    columns += [f">{option.rpartition('.')[2]}" for option in options]
-    return markup.table(columns, [_trial_row(point, points, options, has_truth=has_truth) for point in rows])
-
-
-def _trial_row(point: TrialPoint, points: PointSet, options: list[str], *, has_truth: bool) -> list[object]:
-    nominal = points.nominal
-    improvement = 1 - point.value / nominal.value if nominal and nominal.value else math.nan
-    return [
-        f"{point.ordinal}{' (nominal)' if point.ordinal == 0 else ''}",
-        _state_cell(point),
-        significant(point.value),
-        interval(point.low, point.high),
-        percent(improvement) if point.ordinal else "-",
-        *([significant(point.ground_truth)] if has_truth else []),
-        share(point.coverage),
-        share(point.collapsed),
-        duration(point.wall_s),
-        *(value_text(point.options[name]) if name in point.options else "-" for name in options),
-    ]
-
-
-def _state_cell(point: TrialPoint) -> markup.Marked:
-    return markup.cell(
-        markup.element("span", markup.text(point.state), class_=f"state {point.state}", title=point.message)
-    )
+PANEL = Panel("Search", search_panel)

@@ -1,17 +1,17 @@
-"""Say what to do, how sure that is, and what it cost."""
+"""What to do, how sure that is, and what it cost."""
 
 import math
 from collections import Counter
 from collections.abc import Sequence
 
 from gtf_tune.display import count, definition_unit, duration, percent, share, significant, value_text
-from gtf_tune.report import markup
-from gtf_tune.report.markup import Html
-from gtf_tune.report.panels.blocks import Block, ReportInput
+from gtf_tune.report.drawing import markup
+from gtf_tune.report.drawing.markup import Html
+from gtf_tune.report.panels.base import Block, Panel, ReportInput
+from gtf_tune.report.panels.costs import StudyCost, study_cost
+from gtf_tune.report.points import PointSet, study_points
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.tables.costs import StudyCost, study_cost
-from gtf_tune.report.tables.points import PointSet, study_points
-from gtf_tune.report.tables.verdict import Candidate, Verdict, study_verdict
+from gtf_tune.report.verdict import Candidate, Verdict, study_verdict
 from gtf_tune.study.outcome.verdicts import NO_VERDICT
 
 
@@ -181,3 +181,6 @@ def _candidates(candidates: Sequence[Candidate]) -> Html:
 def _ends(candidate: Candidate) -> str:
     found = candidate.improvement
     return f"{percent(found.low)} to {percent(found.high)}" if math.isfinite(found.low) else "-"
+
+
+PANEL = Panel("Verdict", verdict_panel)

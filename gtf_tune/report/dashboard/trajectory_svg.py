@@ -7,8 +7,8 @@ import numpy as np
 from plotly.colors import sample_colorscale
 
 from gtf_tune.display import significant
-from gtf_tune.report.figures import theme
-from gtf_tune.report.tables.trajectories import AlignedRun, known_errors
+from gtf_tune.report.aligned_runs import AlignedRun, known_errors
+from gtf_tune.report.drawing import theme
 from gtf_tune.trajectory import FloatArray
 
 _SIDE_PX = 480

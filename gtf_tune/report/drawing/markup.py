@@ -1,4 +1,4 @@
-"""Write HTML in which every text is escaped; only this module puts tags together."""
+"""HTML in which every text is escaped; only this module puts tags together."""
 
 from collections.abc import Iterable, Sequence
 from html import escape

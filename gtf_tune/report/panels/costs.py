@@ -1,16 +1,32 @@
-"""Add up what a study cost: runs, time, memory, and what was not done twice."""
+"""What a study cost: runs, time, memory, and what was not done twice."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import fmean, median
 
-from gtf_tune.report.study_data import StudyData
+import plotly.graph_objects as go
+
+from gtf_tune.display import count, duration, memory, share
+from gtf_tune.report.drawing import markup, theme
+from gtf_tune.report.drawing.markup import Html
+from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
+from gtf_tune.report.study_data import StudyData, runs_made
 from gtf_tune.store.runs import StoredRun, TrialRun
 
 _SECONDS = "_s"
 _CACHED = "_cached"
 OTHER = "rest of the run"
+_STAGE_COLOURS = (
+    theme.NOMINAL,
+    theme.GROUND_TRUTH,
+    theme.REPROJECTION,
+    theme.GTF,
+    "rgb(120,144,156)",
+    "rgb(214,173,47)",
+    "rgb(96,125,190)",
+    "rgb(200,200,200)",
+)
 
 
 @dataclass(frozen=True)
@@ -79,12 +95,6 @@ def study_cost(data: StudyData) -> StudyCost:
     )
 
 
-def runs_made(runs: Sequence[TrialRun]) -> tuple[TrialRun, ...]:
-    """Return each run that was executed for a trial of this study, once, in the order in which they started."""
-    first = {one.run.id: one for one in reversed(runs) if not one.reused}
-    return tuple(sorted(first.values(), key=lambda one: (one.run.started_at, one.run.id)))
-
-
 def stage_costs(runs: Sequence[StoredRun]) -> tuple[StageCost, ...]:
     """Return what the stages cost, the most expensive first; what no stage claims comes last."""
     seconds: dict[str, list[float]] = {}
@@ -113,6 +123,59 @@ def run_costs(runs: Sequence[TrialRun]) -> tuple[RunCost, ...]:
     return tuple(_run_cost(*key, group) for key, group in sorted(groups.items()))
 
 
+def stage_figure(stages: Sequence[StageCost]) -> go.Figure:
+    """Return the time of all runs as one bar, stage by stage."""
+    drawn = theme.figure(height=170)
+    for number, stage in enumerate(stages):
+        drawn.add_bar(
+            x=[100 * stage.share],
+            y=["time"],
+            orientation="h",
+            name=stage.stage,
+            marker={"color": _STAGE_COLOURS[number % len(_STAGE_COLOURS)], "line": {"color": "white", "width": 1}},
+            text=[stage.stage if stage.share > 0.07 else ""],
+            textposition="inside",
+            insidetextanchor="middle",
+            hovertext=[f"{stage.stage}: {duration(stage.total_s)}, {share(stage.share)}"],
+            hoverinfo="text",
+        )
+    drawn.update_layout(
+        barmode="stack",
+        margin={"t": 40, "b": 45},
+        legend={"traceorder": "normal"},
+        xaxis=theme.axis("share of the time of all runs [%]", range=[0, 100], showgrid=False),
+        yaxis={"visible": False},
+    )
+    return drawn
+
+
+def costs_panel(report: ReportInput) -> list[Block]:
+    """Return time by stage with cache hits, time and memory by run, and how many runs were not done twice."""
+    made = runs_made(report.data.runs)
+    if not made:
+        return [markup.missing("No run was made for this study, so it cost no time.")]
+    cost = study_cost(report.data)
+    blocks: list[Block] = [
+        markup.paragraph(
+            f"The trials needed {count(cost.uses, 'run')}; {cost.made} were executed and {cost.reused} found in the "
+            f"database. All runs together took {duration(cost.compute_s)}; from its first to its last trial the study "
+            f"took {duration(cost.elapsed_s)}, on {count(len(cost.machines), 'machine')}.{_confirmation_text(cost)}"
+        )
+    ]
+    stages = stage_costs([one.run for one in made])
+    if stages:
+        blocks.append(Drawing("stages", "", stage_figure(stages), is_wide=True))
+        rows = [
+            (one.stage, duration(one.total_s), share(one.share), duration(one.mean_s), one.computed, one.cached)
+            for one in stages
+        ]
+        blocks.append(markup.table(["stage", ">total", ">share", ">mean", ">computed", ">from the cache"], rows))
+    else:
+        blocks.append(markup.missing("The pipeline reports no stages, so only whole runs are listed."))
+    blocks.append(_run_table(report))
+    return blocks
+
+
 def _stage_seconds(run: StoredRun) -> dict[str, float]:
     return {
         name.removesuffix(_SECONDS): float(value)
@@ -131,3 +194,30 @@ def _run_cost(sequence: str, kind: str, runs: Sequence[StoredRun]) -> RunCost:
     memory = [float(run.peak_memory_bytes) for run in runs if run.peak_memory_bytes > 0] or [math.nan]
     seconds = [run.wall_s for run in runs]
     return RunCost(sequence, kind, len(runs), median(seconds), max(seconds), median(memory), max(memory))
+
+
+def _confirmation_text(cost: StudyCost) -> str:
+    if not cost.confirmation_runs:
+        return ""
+    runs = count(cost.confirmation_runs, "more run")
+    return f" Confirmations with fresh seeds took {runs} and {duration(cost.confirmation_s)}."
+
+
+def _run_table(report: ReportInput) -> Html:
+    rows = [
+        (
+            one.sequence,
+            one.kind,
+            one.runs,
+            duration(one.median_s),
+            duration(one.longest_s),
+            memory(one.median_bytes),
+            memory(one.largest_bytes),
+        )
+        for one in run_costs(runs_made(report.data.runs))
+    ]
+    columns = ["sequence", "kind", ">runs", ">median time", ">longest", ">median peak memory", ">largest"]
+    return markup.table(columns, rows)
+
+
+PANEL = Panel("Time and memory", costs_panel)

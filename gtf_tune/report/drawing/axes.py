@@ -1,13 +1,13 @@
-"""Lay out the three axes of the paper's figure: an option, the score, ground truth."""
+"""Axes of figures over an option: the option, the score, ground truth."""
 
 import math
 from collections.abc import Sequence
 from html import escape
 from typing import Any
 
-from gtf_tune.report.figures import theme
-from gtf_tune.report.tables.options import OptionAxis, OptionCurve
-from gtf_tune.report.tables.points import PointSet
+from gtf_tune.report.drawing import theme
+from gtf_tune.report.option_axis import OptionAxis
+from gtf_tune.report.points import PointSet, TrialPoint
 
 _LOG_FROM_RATIO = 20.0
 _MARGIN_SHARE = 0.04
@@ -35,16 +35,16 @@ def option_axis_layout(axis: OptionAxis) -> dict[str, Any]:
     }
 
 
-def score_axis_layout(curve: OptionCurve, points: PointSet) -> dict[str, Any]:
-    """Return the settings of the left axis; where there is ground truth it lies above the right one."""
-    values = [point.value for point in curve.points]
+def score_axis_layout(drawn: Sequence[TrialPoint], points: PointSet) -> dict[str, Any]:
+    """Return the settings of the left axis for the drawn points; where there is ground truth it is in front."""
+    values = [point.value for point in drawn]
     above = {"overlaying": "y2"} if points.has_ground_truth else {}
     return {**theme.axis(**_scale(values)), **_coloured(points.unit.label, theme.GTF_DARK), **above}
 
 
-def truth_axis_layout(curve: OptionCurve, points: PointSet) -> dict[str, Any]:
-    """Return the settings of the right axis."""
-    values = [point.ground_truth for point in curve.points if math.isfinite(point.ground_truth)]
+def truth_axis_layout(drawn: Sequence[TrialPoint], points: PointSet) -> dict[str, Any]:
+    """Return the settings of the right axis for the drawn points."""
+    values = [point.ground_truth for point in drawn if math.isfinite(point.ground_truth)]
     settings = {**theme.axis(**_scale(values)), **_coloured(points.truth_label, theme.GROUND_TRUTH)}
     return {**settings, "side": "right", "showgrid": False}
 
@@ -56,7 +56,7 @@ def rim_axis_layout(points: PointSet) -> dict[str, Any]:
 
 
 def spreads_far(values: Sequence[float]) -> bool:
-    """Tell whether scores or errors spread so far that their axis should be logarithmic."""
+    """Return True if scores or errors spread so far that their axis should be logarithmic."""
     return bool(values) and min(values) > 0 and max(values) / min(values) > _LOG_FROM_RATIO
 
 

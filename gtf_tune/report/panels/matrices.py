@@ -1,4 +1,4 @@
-"""Draw the errors between clean and noisy runs."""
+"""The errors between clean and noisy runs."""
 
 import math
 from collections.abc import Sequence
@@ -6,10 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 import plotly.graph_objects as go
 
-from gtf_tune.display import ScoreUnit, significant
-from gtf_tune.report.figures import theme
-from gtf_tune.report.figures.hover import shortened
-from gtf_tune.report.tables.details import SequenceDetail
+from gtf_tune.display import ScoreUnit, interval, sequence_unit, significant
+from gtf_tune.report.details import SequenceDetail, sequence_detail
+from gtf_tune.report.drawing import markup, theme
+from gtf_tune.report.drawing.hover import shortened
+from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
+from gtf_tune.report.verdict import compared_trials
 
 _ROW_PX = 34
 _SURROUNDINGS_PX = 100
@@ -63,6 +65,25 @@ def matrix_figure(detail: SequenceDetail, unit: ScoreUnit, colours: tuple[float,
     return drawn
 
 
+def matrices_panel(report: ReportInput) -> list[Block]:
+    """Return the matrix of errors of each compared trial on each sequence, in common colours."""
+    data, unit = report.data, sequence_unit(report.data.definition.gtf)
+    compared = compared_trials(data)
+    blocks: list[Block] = []
+    for sequence in data.sequences:
+        found = [(name, ordinal, sequence_detail(data, ordinal, sequence.name)) for name, ordinal in compared]
+        colours = matrix_range([detail for _, _, detail in found], unit)
+        for name, ordinal, detail in found:
+            if not detail.matrix.size:
+                reason = detail.message or "it has no noisy runs"
+                blocks.append(markup.missing(f"{sequence.name}, {name} trial {ordinal}: no matrix, because {reason}."))
+                continue
+            title = f"{sequence.name}, {name} (trial {ordinal}): {_score_text(detail, unit)}"
+            drawn = matrix_figure(detail, unit, colours)
+            blocks.append(Drawing(f"matrix {sequence.name} {name}", title, drawn))
+    return blocks or [markup.missing("No trial is complete yet, so there is no matrix to show.")]
+
+
 def _labels(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> list[list[str]]:
     return [["failed" if math.isnan(value) else significant(float(value)) for value in row] for row in values]
 
@@ -87,3 +108,16 @@ def _hover(
     if _flag(detail, column):
         lines.append("this noisy run collapsed")
     return "<br>".join(lines)
+
+
+def _score_text(detail: SequenceDetail, unit: ScoreUnit) -> str:
+    low, high = unit.shown(detail.low), unit.shown(detail.high)
+    sure = f" ({interval(low, high)})" if np.isfinite(low) else ""
+    return f"{significant(unit.shown(detail.value))}{sure} {unit.symbol}"
+
+
+PANEL = Panel(
+    "Errors between clean and noisy runs",
+    matrices_panel,
+    ("Each cell is the error of one noisy run against one clean run; the score aggregates the whole matrix."),
+)

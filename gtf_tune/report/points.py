@@ -1,4 +1,4 @@
-"""List trials as points: what they chose and what came out, in shown units."""
+"""Trials as points: what they chose and what came out, in the units that are shown."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -9,12 +9,11 @@ from typing import Literal
 
 from gtf_tune.display import ScoreUnit, definition_unit, sequence_unit
 from gtf_tune.pipelines import OptionValue
+from gtf_tune.report.details import sequence_detail, stored_number
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.tables.details import sequence_detail, stored_number
 from gtf_tune.store.trials import Trial
 
 PointState = Literal["feasible", "infeasible", "pruned", "failed", "running"]
-
 _REPROJECTION = "mean_reprojection_error_px"
 
 
@@ -102,6 +101,13 @@ def sequence_points(data: StudyData, sequence: str) -> PointSet:
         detail = sequence_detail(data, trial.ordinal, sequence)
         points.append(_point(trial, detail.value, unit, (detail.low, detail.high), truth, reprojection))
     return PointSet(sequence, unit, f"ground-truth {side.words} [{side.unit}]", tuple(points))
+
+
+def point_sets(data: StudyData) -> list[PointSet]:
+    """Return the points of the study and, where it has several sequences, those of each of them."""
+    if not data.has_several_sequences:
+        return [study_points(data)]
+    return [study_points(data), *(sequence_points(data, sequence.name) for sequence in data.sequences)]
 
 
 def state_of(trial: Trial) -> PointState:

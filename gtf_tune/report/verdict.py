@@ -1,4 +1,4 @@
-"""Say what to do with the result of a study, and how sure that is."""
+"""What to do with the result of a study, and how sure that is."""
 
 import math
 from collections.abc import Mapping
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from gtf_tune.pipelines import OptionValue
+from gtf_tune.report.details import stored_number
+from gtf_tune.report.option_axis import options_at_an_edge
+from gtf_tune.report.points import TrialPoint, study_points
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.tables.details import stored_number
-from gtf_tune.report.tables.options import options_at_an_edge
-from gtf_tune.report.tables.points import TrialPoint, study_points
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement, improvement
 from gtf_tune.study.outcome.verdicts import ADOPT, KEEP, compared
 
@@ -92,6 +92,17 @@ def confirmed_candidates(data: StudyData) -> tuple[Candidate, ...]:
     if not data.confirmations:
         return ()
     return tuple(_candidate(row) for row in data.confirmations[-1].result.get("candidates") or ())
+
+
+def compared_trials(data: StudyData) -> list[tuple[str, int]]:
+    """Return name and ordinal of the trials that are shown side by side: nominal and the adopted one, else the best."""
+    compared = [("nominal", 0)] if any(one.ordinal == 0 for one in data.trials) else []
+    verdict = study_verdict(data)
+    if verdict.kind == "adopt" and verdict.ordinal is not None:
+        compared.append(("recommended", verdict.ordinal))
+    elif data.best is not None and data.best.ordinal != 0:
+        compared.append(("best", data.best.ordinal))
+    return compared
 
 
 def _candidate(row: Mapping[str, Any]) -> Candidate:

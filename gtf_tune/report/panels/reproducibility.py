@@ -1,8 +1,10 @@
-"""Collect what someone needs to repeat a study."""
+"""What it takes to repeat a study."""
 
 import json
 from dataclasses import dataclass
 
+from gtf_tune.report.drawing import markup
+from gtf_tune.report.panels.base import Block, Panel, ReportInput
 from gtf_tune.report.study_data import StudyData
 
 
@@ -61,6 +63,45 @@ def provenance(data: StudyData) -> Provenance:
     )
 
 
+def reproducibility_panel(report: ReportInput) -> list[Block]:
+    """Return versions, seeds, fingerprints and the whole definition."""
+    found = provenance(report.data)
+    facts = [*found.versions, ("sampler", found.sampler), ("seed of the study", str(found.seed))]
+    facts.append(("threads of a run", ", ".join(str(one) for one in found.threads) or "-"))
+    facts.append(("storage", report.data.storage))
+    sequences = [
+        (
+            one.name,
+            one.role,
+            one.path,
+            one.layout,
+            one.frames,
+            one.size,
+            one.camera,
+            one.sigma,
+            "yes" if one.has_ground_truth else "no",
+            markup.cell(markup.code(one.fingerprint)),
+        )
+        for one in found.sequences
+    ]
+    columns = [
+        "sequence",
+        "role",
+        "path",
+        "layout",
+        ">frames",
+        ">size [px]",
+        "camera",
+        ">noise [grey levels]",
+        "ground truth",
+    ]
+    return [
+        markup.table(["what", "value"], facts),
+        markup.table([*columns, "fingerprint"], sequences),
+        markup.folded("Definition of the study", markup.snippet("definition (JSON)", found.definition)),
+    ]
+
+
 def _versions(data: StudyData) -> tuple[tuple[str, str], ...]:
     """Return every version that any run or the creation of the study saw, by name; several are joined."""
     seen: dict[str, set[str]] = {}
@@ -68,3 +109,6 @@ def _versions(data: StudyData) -> tuple[tuple[str, str], ...]:
         for name, version in versions.items():
             seen.setdefault(str(name), set()).add(str(version))
     return tuple((name, ", ".join(sorted(found))) for name, found in sorted(seen.items()))
+
+
+PANEL = Panel("Reproducibility", reproducibility_panel)

@@ -1,4 +1,4 @@
-"""Draw the runs of one setting laid on each other, coloured by how far each frame moves."""
+"""The runs of the compared trials, aligned to each other."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,8 +7,9 @@ import numpy as np
 import plotly.graph_objects as go
 
 from gtf_tune.display import significant
-from gtf_tune.report.figures import theme
-from gtf_tune.report.tables.trajectories import AlignedRun, FrameSpread, known_errors
+from gtf_tune.report.aligned_runs import AlignedRun, align_runs, in_one_frame, known_errors
+from gtf_tune.report.drawing import markup, theme
+from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
 
 _HIGHEST_PERCENTILE = 98
 _MARKER_PX = 4
@@ -17,21 +18,23 @@ _SIDE = {"title": {"text": ""}, "gridcolor": theme.GRID, "showbackground": False
 _LABELLED_SHARE = 0.25
 _EYE = {"x": 0.6, "y": -0.85, "z": 0.6}
 _CLEAN = {"color": "rgb(110,120,130)", "width": 2}
+# Browsers keep at most 8 to 16 WebGL scenes of a page alive; each sequence takes two.
+_MOST_SCENES = 4
 
 
-def error_range(settings: Sequence[Sequence[AlignedRun]]) -> tuple[float, float]:
-    """Return the range of colours for several settings: 0 to what all but 2 % of the errors stay below."""
-    errors = np.concatenate([known_errors(runs) for runs in settings]) if settings else np.empty(0)
+def error_range(configurations: Sequence[Sequence[AlignedRun]]) -> tuple[float, float]:
+    """Return the range of colours for several configurations: 0 to what all but 2 % of the errors stay below."""
+    errors = np.concatenate([known_errors(runs) for runs in configurations]) if configurations else np.empty(0)
     return 0.0, float(np.percentile(errors, _HIGHEST_PERCENTILE)) if errors.size else 1.0
 
 
 def scene_figure(runs: Sequence[AlignedRun], colours: tuple[float, float]) -> go.Figure:
     """Return the runs in 3-D, in units of the extent."""
     drawn = theme.figure(height=430)
-    for run in (one for one in runs if one.kind == "clean"):
+    for run in (run for run in runs if run.kind == "clean"):
         x, y, z = run.positions.T
         drawn.add_scatter3d(x=x, y=y, z=z, mode="lines", line=_CLEAN, **_clean_words(run))
-    noisy = [one for one in runs if one.kind == "noisy"]
+    noisy = [run for run in runs if run.kind == "noisy"]
     for number, run in enumerate(noisy):
         x, y, z = run.positions.T
         marker = {"size": 2.5, **_colours(run, colours, is_last=number == len(noisy) - 1)}
@@ -50,9 +53,9 @@ def top_figure(runs: Sequence[AlignedRun], colours: tuple[float, float]) -> go.F
     """Return the runs seen along the direction in which the camera moved least, in units of the extent."""
     proportions = _proportions(runs)
     drawn = theme.figure(height=_height(proportions["y"] / proportions["x"]))
-    for run in (one for one in runs if one.kind == "clean"):
+    for run in (run for run in runs if run.kind == "clean"):
         drawn.add_scatter(x=run.positions[:, 0], y=run.positions[:, 1], mode="lines", line=_CLEAN, **_clean_words(run))
-    noisy = [one for one in runs if one.kind == "noisy"]
+    noisy = [run for run in runs if run.kind == "noisy"]
     for number, run in enumerate(noisy):
         marker = {"size": _MARKER_PX, **_colours(run, colours, is_last=number == len(noisy) - 1)}
         drawn.add_scatter(
@@ -67,34 +70,22 @@ def top_figure(runs: Sequence[AlignedRun], colours: tuple[float, float]) -> go.F
     return drawn
 
 
-def spread_figure(spreads: Sequence[tuple[FrameSpread, str]]) -> go.Figure:
-    """Return how far frames move, for several settings each with its colour, over how often they are registered."""
-    drawn = theme.figure(height=420)
-    for spread, colour in spreads:
-        hover = [_frame_text(spread, index) for index in range(len(spread.frame_ids))]
-        words = {"hovertext": hover, "hoverinfo": "text"}
-        drawn.add_scatter(
-            x=spread.frame_ids, y=spread.median, mode="lines", name=spread.title, line={"color": colour}, **words
-        )
-        drawn.add_scatter(
-            x=spread.frame_ids[spread.fragile],
-            y=spread.median[spread.fragile],
-            mode="markers",
-            name=f"fragile ({spread.title})",
-            marker={"color": colour, "size": 10, "symbol": "circle-open", "line": {"width": 2}},
-            showlegend=bool(spread.fragile.any()),
-            hovertext=[hover[index] for index in np.flatnonzero(spread.fragile)],
-            hoverinfo="text",
-        )
-        drawn.add_scatter(
-            x=spread.frame_ids, y=100 * spread.registered, yaxis="y2", mode="lines", showlegend=False, **words
-        ).data[-1].update(line={"color": colour, "shape": "hvh"})
-    drawn.update_layout(
-        xaxis=theme.axis("frame", anchor="y2"),
-        yaxis=theme.axis("moved by [‰ of extent]", domain=[0.36, 1], rangemode="tozero"),
-        yaxis2=theme.axis("registered [%]", domain=[0, 0.24], range=[-5, 105], tickvals=[0, 50, 100]),
-    )
-    return drawn
+def trajectories_panel(report: ReportInput) -> list[Block]:
+    """Return the aligned runs from the top and, for the first sequences, in 3-D."""
+    blocks: list[Block] = []
+    for number, (sequence, configurations) in enumerate(report.configurations.items()):
+        aligned = [align_runs(runs) for runs in in_one_frame(configurations)]
+        if not any(aligned):
+            blocks.append(markup.missing(f"{sequence}: no clean run has poses that could be drawn."))
+            continue
+        thinned = [tuple(run.thinned(report.lengths.trajectory_points) for run in runs) for runs in aligned]
+        colours = error_range(aligned)
+        drawers = [("top view", top_figure), *([("3-D", scene_figure)] if number < _MOST_SCENES else [])]
+        for words, draw in drawers:
+            for configuration, runs in zip(configurations, thinned, strict=True):
+                title = f"{sequence}, {configuration.title}: {words}"
+                blocks.append(Drawing(f"{words} {sequence} {configuration.title}", title, draw(runs, colours)))
+    return blocks or [markup.missing("No run has finished yet, so there is no trajectory to draw.")]
 
 
 def _proportions(runs: Sequence[AlignedRun]) -> dict[str, float]:
@@ -139,8 +130,11 @@ def _noisy_words(run: AlignedRun) -> dict[str, Any]:
     return {"name": f"noisy run {run.index}", "hovertext": texts, "hoverinfo": "text"}
 
 
-def _frame_text(spread: FrameSpread, index: int) -> str:
-    return (
-        f"{spread.title}, frame {spread.frame_ids[index]}<br>moved by {significant(float(spread.median[index]))} ‰ of "
-        f"extent<br>registered in {100 * spread.registered[index]:.0f} % of the runs"
-    )
+PANEL = Panel(
+    "Trajectories",
+    trajectories_panel,
+    (
+        "All runs of the nominal setting and of the recommended one (of the best one before a confirmation), "
+        "aligned to the first clean run of each; colour is the distance between noisy and clean positions."
+    ),
+)

@@ -1,4 +1,4 @@
-"""Hold colours, fonts and the layout that all figures share."""
+"""Colours, fonts and the layout that all figures share."""
 
 from typing import Any
 
@@ -9,19 +9,16 @@ GTF = "rgb(187,136,187)"
 GROUND_TRUTH = "rgb(54,161,101)"
 NOMINAL = "rgb(27,107,162)"
 REPROJECTION = "rgb(229,126,0)"
-
 GTF_DARK = "rgb(140,80,140)"
 GTF_BAND = "rgba(187,136,187,0.25)"
 INK = "#1f2933"
 FAINT = "#7b8794"
 GRID = "#e4e7eb"
 WRONG = "#c0392b"
-
 FONT = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif"
 ERROR_SCALE = "Plasma"
 HEIGHT_PX = 400
 _TITLE_PX = 34
-
 _AXIS = {
     "gridcolor": GRID,
     "linecolor": "#9aa5b1",

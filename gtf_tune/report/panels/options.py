@@ -1,4 +1,4 @@
-"""Draw the paper's figure: the score over one option, ground truth beside it."""
+"""The score over each option, ground truth beside it (the paper's figure)."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -8,23 +8,74 @@ from typing import Any
 import plotly.graph_objects as go
 
 from gtf_tune.display import significant, value_text
-from gtf_tune.report.figures import theme
-from gtf_tune.report.figures.hover import trial_text
-from gtf_tune.report.figures.option_axes import (
-    option_axis_layout,
-    rim_axis_layout,
-    score_axis_layout,
-    truth_axis_layout,
-)
-from gtf_tune.report.tables.options import OptionCurve
-from gtf_tune.report.tables.points import PointSet, TrialPoint
+from gtf_tune.report.drawing import markup, theme
+from gtf_tune.report.drawing.axes import option_axis_layout, rim_axis_layout, score_axis_layout, truth_axis_layout
+from gtf_tune.report.drawing.hover import trial_text
+from gtf_tune.report.option_axis import OptionAxis, searched_axes
+from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
+from gtf_tune.report.points import PointSet, TrialPoint, point_sets
+from gtf_tune.report.study_data import StudyData
 
+_MOST_LEVELS = 25
 _LINE_PX = 2.5
 _RIM = 0.975
 _MANY = 80
 _GOLDEN = 0.618034
 _SPREAD = 0.16
 _BESIDE = 0.12
+_MOST_FIGURES = 40
+
+
+@dataclass(frozen=True)
+class OptionCurve:
+    """Hold the points of one option, sorted along its axis.
+
+    ``line`` are the points to connect: all of them where only this option is searched, the best at each level where
+    there are few levels, otherwise none, because the other options vary between neighbours. ``stopped`` are trials
+    that were pruned with a score, ``outside`` those without any, each with its place.
+    """
+
+    axis: OptionAxis
+    points: tuple[TrialPoint, ...]
+    places: tuple[float, ...]
+    line: tuple[int, ...]
+    stopped: tuple[tuple[float, TrialPoint], ...]
+    outside: tuple[tuple[float, TrialPoint], ...]
+    is_alone: bool
+
+    @property
+    def nominal(self) -> int | None:
+        """Return the index of the nominal trial."""
+        return next((index for index, point in enumerate(self.points) if point.ordinal == 0), None)
+
+    @property
+    def best(self) -> int | None:
+        """Return the index of the smallest score."""
+        return _index_of_least([point.value for point in self.points])
+
+    @property
+    def best_ground_truth(self) -> int | None:
+        """Return the index of the smallest error against ground truth."""
+        return _index_of_least([point.ground_truth for point in self.points])
+
+
+def option_curve(points: PointSet, axis: OptionAxis, searched: int) -> OptionCurve:
+    """Return the trials over one option; ``searched`` is how many options the study varies."""
+    placed = [
+        (axis.place(point.options[axis.option]), point) for point in points.points if axis.option in point.options
+    ]
+    scored = sorted(((x, point) for x, point in placed if point.is_scored), key=lambda one: (one[0], one[1].ordinal))
+    places = tuple(x for x, _ in scored)
+    is_alone = searched == 1
+    return OptionCurve(
+        axis=axis,
+        points=tuple(point for _, point in scored),
+        places=places,
+        line=tuple(range(len(scored))) if is_alone else _best_of_each_level(places, [one.value for _, one in scored]),
+        stopped=tuple((x, point) for x, point in placed if point.state == "pruned" and math.isfinite(point.value)),
+        outside=tuple((x, point) for x, point in placed if point.state != "running" and math.isnan(point.value)),
+        is_alone=is_alone,
+    )
 
 
 def option_figure(curve: OptionCurve, points: PointSet) -> go.Figure:
@@ -34,11 +85,11 @@ def option_figure(curve: OptionCurve, points: PointSet) -> go.Figure:
         margin={"l": 60, "r": 75, "t": 20, "b": 120},
         legend={"y": -0.3, "yanchor": "top", "traceorder": "normal"},
         xaxis=option_axis_layout(curve.axis),
-        yaxis=score_axis_layout(curve, points),
+        yaxis=score_axis_layout(curve.points, points),
     )
     canvas = _Canvas(drawn, curve, points)
     if points.has_ground_truth:
-        drawn.update_layout(yaxis2=truth_axis_layout(curve, points))
+        drawn.update_layout(yaxis2=truth_axis_layout(curve.points, points))
         canvas.add_ground_truth()
     canvas.add_interval()
     canvas.add_scores()
@@ -47,6 +98,37 @@ def option_figure(curve: OptionCurve, points: PointSet) -> go.Figure:
     canvas.add_minima()
     canvas.add_outside()
     return drawn
+
+
+def options_panel(report: ReportInput) -> list[Block]:
+    """Return the paper's figure for each option, over all sequences and for each of them."""
+    data = report.data
+    if not data.feasible:
+        return [markup.missing("No trial is feasible and complete yet, so there is no score to show.")]
+    scopes = point_sets(data)
+    drawings: list[Block] = [
+        Drawing(f"option {axis.option} {points.title}", _option_title(data, axis, points), _draw(data, axis, points))
+        for axis in searched_axes(data)
+        for points in scopes
+    ]
+    if len(drawings) <= _MOST_FIGURES:
+        return drawings
+    note = f"Only {_MOST_FIGURES} of {len(drawings)} figures are shown: the study has many options and sequences."
+    return [markup.missing(note), *drawings[:_MOST_FIGURES]]
+
+
+def _best_of_each_level(places: Sequence[float], values: Sequence[float]) -> tuple[int, ...]:
+    best: dict[float, int] = {}
+    for index, (place, value) in enumerate(zip(places, values, strict=True)):
+        if place not in best or value < values[best[place]]:
+            best[place] = index
+    few = len(best) <= min(_MOST_LEVELS, len(places) // 2)
+    return tuple(best[place] for place in sorted(best)) if few else ()
+
+
+def _index_of_least(values: Sequence[float]) -> int | None:
+    known = [(value, index) for index, value in enumerate(values) if math.isfinite(value)]
+    return min(known)[1] if known else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,3 +275,21 @@ def _low(point: TrialPoint) -> float:
 
 def _high(point: TrialPoint) -> float:
     return point.value if math.isnan(point.high) else point.high
+
+
+def _option_title(data: StudyData, axis: OptionAxis, points: PointSet) -> str:
+    return f"{axis.option} ({points.title})" if data.has_several_sequences else axis.option
+
+
+def _draw(data: StudyData, axis: OptionAxis, points: PointSet) -> object:
+    return option_figure(option_curve(points, axis, len(data.definition.space)), points)
+
+
+PANEL = Panel(
+    "Score over each option",
+    options_panel,
+    (
+        "Pink: the score without ground truth, with its 95 % interval. Green: the error against ground truth, "
+        "which the search never sees. Blue: the nominal setting."
+    ),
+)

@@ -1,10 +1,10 @@
-"""Write what a reader sees when pointing at a trial."""
+"""Hover texts of trials."""
 
 import math
 from html import escape
 
 from gtf_tune.display import interval, share, significant
-from gtf_tune.report.tables.points import PointSet, TrialPoint
+from gtf_tune.report.points import PointSet, TrialPoint
 
 _LONGEST = 90
 

@@ -1,4 +1,4 @@
-"""Read the matrices that are stored with a trial."""
+"""The matrices that are stored with a trial."""
 
 import math
 from collections.abc import Mapping, Sequence

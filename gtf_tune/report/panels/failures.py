@@ -1,13 +1,17 @@
-"""List what went wrong, grouped by reason."""
+"""What went wrong, grouped by reason."""
 
 from dataclasses import dataclass
 
-from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.tables.costs import runs_made
-from gtf_tune.report.tables.details import sequence_detail
-from gtf_tune.report.tables.points import state_of
+from gtf_tune.display import count
+from gtf_tune.report.details import sequence_detail
+from gtf_tune.report.drawing import markup
+from gtf_tune.report.drawing.markup import Html
+from gtf_tune.report.panels.base import Block, Panel, ReportInput
+from gtf_tune.report.points import state_of
+from gtf_tune.report.study_data import StudyData, runs_made
 
 _NO_REASON = "no reason was stored"
+_LISTED_TRIALS = 12
 
 
 @dataclass(frozen=True)
@@ -68,5 +72,39 @@ def trial_faults(data: StudyData) -> tuple[TrialFault, ...]:
     return tuple(_fault(what, reason, ordinals) for (what, reason), ordinals in groups.items())
 
 
+def failures_panel(report: ReportInput) -> list[Block]:
+    """Return the reasons of failed runs with an excerpt of a log each, and why trials have no value."""
+    failures, faults = run_failures(report.data), trial_faults(report.data)
+    if not failures and not faults:
+        return [markup.missing("Nothing failed: every run ended with a trajectory, and every trial is feasible.")]
+    blocks: list[Block] = [_failure(one, report) for one in failures]
+    if not failures:
+        blocks.append(markup.missing("No run failed."))
+    if faults:
+        rows = [(one.what, one.reason, one.count, _trial_list(one.ordinals)) for one in faults]
+        blocks.append(markup.table(["what", "reason", ">count", "trials"], rows))
+    return blocks
+
+
 def _fault(what: str, reason: str, ordinals: list[int]) -> TrialFault:
     return TrialFault(what, reason, len(ordinals), tuple(sorted(set(ordinals))))
+
+
+def _failure(failure: RunFailure, report: ReportInput) -> Html:
+    log = report.logs.get(failure.example_key, "")
+    excerpt = "\n".join(log.rstrip().splitlines()[-report.lengths.log_lines :])
+    title = f"{count(failure.runs, 'run')}: {failure.reason}"
+    where = markup.paragraph(
+        f"On {', '.join(failure.sequences)}, {'trial' if len(failure.ordinals) == 1 else 'trials'} "
+        f"{_trial_list(failure.ordinals)}; the end of the log of {failure.example}:"
+    )
+    shown = markup.element("pre", markup.text(excerpt)) if excerpt else markup.missing("The run printed nothing.")
+    return markup.element("details", markup.element("summary", markup.text(title)), where, shown, open="")
+
+
+def _trial_list(ordinals: tuple[int, ...]) -> str:
+    shown = ", ".join(str(one) for one in ordinals[:_LISTED_TRIALS])
+    return shown + (f" and {len(ordinals) - _LISTED_TRIALS} more" if len(ordinals) > _LISTED_TRIALS else "")
+
+
+PANEL = Panel("Failures", failures_panel)

@@ -1,0 +1,1 @@
+"""Colours, layouts, axes, texts and markup that panels share."""

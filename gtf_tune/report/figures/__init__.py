@@ -1,1 +1,0 @@
-"""Draw the tables with Plotly; every number comes from `gtf_tune.report.tables`."""

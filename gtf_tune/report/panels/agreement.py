@@ -1,0 +1,173 @@
+"""Whether the score and the reprojection error rank trials as ground truth does."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+from scipy import stats
+
+from gtf_tune.display import significant
+from gtf_tune.report.drawing import markup, theme
+from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
+from gtf_tune.report.points import PointSet, TrialPoint, point_sets
+from gtf_tune.trajectory import FloatArray
+
+_FEWEST = 3
+_LOG_FROM_RATIO = 30.0
+_PIXELS = "mean reprojection error [px]"
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """Hold a scatter of n trials with its least-squares line.
+
+    ``r_squared`` is the squared correlation of the values as they are (the paper's figure of merit), ``spearman`` the
+    rank correlation; both NaN, as ``slope`` and ``intercept``, where either side is constant. ``is_log`` says that the
+    values spread so far that axes should be logarithmic.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    ordinals: tuple[int, ...]
+    slope: float
+    intercept: float
+    r_squared: float
+    spearman: float
+    is_log: tuple[bool, bool]
+
+    def line(self, count: int = 50) -> tuple[FloatArray, FloatArray]:
+        """Return points on the regression line over the range of x, evenly spread on the scale of its axis."""
+        low, high = float(self.x.min()), float(self.x.max())
+        along = np.geomspace(low, high, count) if self.is_log[0] else np.linspace(low, high, count)
+        return along, self.intercept + self.slope * along
+
+
+def agreement(
+    points: Sequence[TrialPoint], x: Callable[[TrialPoint], float], y: Callable[[TrialPoint], float]
+) -> Agreement | None:
+    """Return how two numbers of the feasible trials go together, or None for fewer than three trials with both."""
+    chosen = [one for one in points if one.is_scored and math.isfinite(x(one)) and math.isfinite(y(one))]
+    if len(chosen) < _FEWEST:
+        return None
+    xs, ys = np.array([x(one) for one in chosen]), np.array([y(one) for one in chosen])
+    slope = intercept = r_squared = spearman = math.nan
+    if np.ptp(xs) > 0 and np.ptp(ys) > 0:
+        fit = stats.linregress(xs, ys)
+        slope, intercept, r_squared = float(fit.slope), float(fit.intercept), float(fit.rvalue) ** 2
+        spearman = float(stats.spearmanr(xs, ys).statistic)
+    ordinals = tuple(one.ordinal for one in chosen)
+    return Agreement(xs, ys, ordinals, slope, intercept, r_squared, spearman, (_spreads_far(xs), _spreads_far(ys)))
+
+
+def agreement_figure(found: Agreement, labels: tuple[str, str], colour: str) -> go.Figure:
+    """Return a scatter with its regression line; ``labels`` are the titles of the axes."""
+    drawn = theme.figure(height=360)
+    types = ["log" if is_log else "linear" for is_log in found.is_log]
+    drawn.update_layout(
+        showlegend=False,
+        margin={"t": 15},
+        xaxis=theme.axis(labels[0], type=types[0], **({"dtick": 1} if types[0] == "log" else {})),
+        yaxis=theme.axis(labels[1], type=types[1], **({"dtick": 1} if types[1] == "log" else {})),
+    )
+    if math.isfinite(found.slope):
+        x, y = found.line()
+        seen = [(a, b) for a, b in zip(x, y, strict=True) if b > 0 or not found.is_log[1]]
+        drawn.add_scatter(
+            x=[a for a, _ in seen],
+            y=[b for _, b in seen],
+            mode="lines",
+            line={"color": theme.FAINT, "width": 1.5, "dash": "dash"},
+            hoverinfo="skip",
+        )
+    drawn.add_scatter(
+        x=found.x,
+        y=found.y,
+        mode="markers",
+        marker={
+            "color": [theme.NOMINAL if ordinal == 0 else colour for ordinal in found.ordinals],
+            "size": [11 if ordinal == 0 else 8 for ordinal in found.ordinals],
+            "line": {"color": "white", "width": 1},
+        },
+        hovertext=[_text(found, index, labels) for index in range(len(found.ordinals))],
+        hoverinfo="text",
+    )
+    return drawn
+
+
+def merit_text(found: Agreement) -> str:
+    """Return the figures of merit of an agreement."""
+    if not math.isfinite(found.r_squared):
+        return f"{len(found.ordinals)} trials; one side is constant, so there is no correlation"
+    return f"R² {found.r_squared:.2f}, Spearman {found.spearman:.2f} ({len(found.ordinals)} trials)"
+
+
+def agreement_panel(report: ReportInput) -> list[Block]:
+    """Return the score and the reprojection error against ground truth and against each other, as far as known."""
+    blocks: list[Block] = []
+    for points in point_sets(report.data):
+        blocks.extend(_agreements(points, is_one_of_several=report.data.has_several_sequences))
+    if not report.data.validations:
+        blocks.insert(0, markup.missing("The study has no ground truth, so the score cannot be compared with it."))
+    return blocks
+
+
+def _spreads_far(values: FloatArray) -> bool:
+    return bool(values.min() > 0 and values.max() / values.min() > _LOG_FROM_RATIO)
+
+
+def _text(found: Agreement, index: int, labels: tuple[str, str]) -> str:
+    ordinal = found.ordinals[index]
+    name = "trial 0 (nominal)" if ordinal == 0 else f"trial {ordinal}"
+    return "<br>".join(
+        [
+            f"<b>{name}</b>",
+            f"{labels[0]}: {significant(float(found.x[index]), 4)}",
+            f"{labels[1]}: {significant(float(found.y[index]), 4)}",
+        ]
+    )
+
+
+def _agreements(points: PointSet, *, is_one_of_several: bool) -> list[Block]:
+    pairs = (
+        ("GTF vs ground truth", _value, _truth, (points.unit.label, points.truth_label), theme.GTF),
+        (
+            "Reprojection error vs ground truth",
+            _reprojection,
+            _truth,
+            (_PIXELS, points.truth_label),
+            theme.REPROJECTION,
+        ),
+        ("GTF vs reprojection error", _value, _reprojection, (points.unit.label, _PIXELS), theme.REPROJECTION),
+    )
+    blocks: list[Block] = []
+    for title, x, y, labels, colour in pairs:
+        known = [one for one in points.scored if math.isfinite(x(one)) and math.isfinite(y(one))]
+        found = agreement(known, x, y)
+        if found is not None:
+            name = f"{title} ({points.title})"
+            shown = f"{title}: {merit_text(found)}" + (f" ({points.title})" if is_one_of_several else "")
+            blocks.append(Drawing(name.lower(), shown, agreement_figure(found, labels, colour)))
+        elif known or (x is not _truth and y is not _truth):
+            blocks.append(markup.missing(f"{title}: {len(known)} trials have both numbers, and it takes three."))
+    return blocks
+
+
+def _value(point: TrialPoint) -> float:
+    return point.value
+
+
+def _truth(point: TrialPoint) -> float:
+    return point.ground_truth
+
+
+def _reprojection(point: TrialPoint) -> float:
+    return point.reprojection_px
+
+
+PANEL = Panel(
+    "Does the score tell the truth?",
+    agreement_panel,
+    ("One point per feasible trial; the error against ground truth is in the unit of the ground truth (GT unit)."),
+)
