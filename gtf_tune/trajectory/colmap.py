@@ -53,6 +53,7 @@ def read_colmap(path: Path) -> Trajectory:
         quaternions=world_from_camera.as_quat(),
         names=names,
         ids_are_counted=counted,
+        has_timestamps=False,
     )
 
 

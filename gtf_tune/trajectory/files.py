@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -43,7 +44,7 @@ def read_trajectory(path: str | os.PathLike[str], format: TrajectoryFormat = "au
     known = detected_format(file) if format == "auto" else format
     if known not in _READERS:
         raise TrajectoryError(f"expected one of the formats auto, {', '.join(_READERS)}, not '{known}'")
-    return _READERS[known](file)
+    return replace(_READERS[known](file), source=str(path))
 
 
 def detected_format(path: Path) -> str:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def read_tum(path: Path) -> Trajectory:
 
 def read_kitti(path: Path) -> Trajectory:
     """Read lines of the 12 numbers of a (3, 4) matrix world_from_camera, row by row; timestamps count lines from 0."""
-    return _read(path, _kitti_pose)
+    return replace(_read(path, _kitti_pose), has_timestamps=False)
 
 
 def read_euroc(path: Path) -> Trajectory:

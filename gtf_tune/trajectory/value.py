@@ -29,7 +29,7 @@ class Trajectory:
         (n,) strictly increasing int64: position of each frame in the full sequence. Poses of two trajectories with the
         same frame id belong together, unless ``ids_are_counted``.
     timestamps
-        (n,) seconds.
+        (n,) seconds; the frame ids where ``has_timestamps`` is false.
     positions
         (n, 3) camera centres in the world frame, in the trajectory's own unit.
     quaternions
@@ -40,6 +40,10 @@ class Trajectory:
         Whether the frame ids only number the poses of a file from 0, as for TUM, KITTI and EuRoC files: then they do
         not say which frame a pose belongs to. Matching such ids is refused unless both trajectories have the same
         ones (`check_frame_ids`); associate by timestamp or image name instead.
+    has_timestamps
+        Whether the source knows when each pose was taken; KITTI files and COLMAP models do not.
+    source
+        The file or folder that the trajectory was read from, otherwise empty; only shown in messages.
 
     The arrays are read-only copies in float64 and int64 (scipy's ``Rotation.apply`` insists on writable ones: hand it a
     ``.copy()``); quaternions are normalised.
@@ -56,6 +60,8 @@ class Trajectory:
     quaternions: FloatArray
     names: tuple[str, ...] = ()
     ids_are_counted: bool = False
+    has_timestamps: bool = True
+    source: str = ""
 
     def __post_init__(self) -> None:
         count = len(self.frame_ids)
