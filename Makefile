@@ -38,7 +38,7 @@ bench: setup ## Measure side by side and rewrite docs/performance.md
 	$(BIN)/python -m benchmarks
 
 experiments: setup ## Run the paper's experiments (hours; resumable) and rewrite docs/results.md
-	$(BIN)/python -m benchmarks.experiments
+	$(BIN)/python -m experiments
 
 soak: setup ## Inject faults for a long time
 	$(BIN)/python -m pytest -m soak tests/faults

@@ -7,10 +7,10 @@ from types import MappingProxyType
 import plotly.graph_objects as go
 
 from benchmarks.drawing import write_svgs
-from benchmarks.experiments.findings import Findings
-from benchmarks.experiments.plan import AGGREGATE
-from benchmarks.experiments.settings import PREDICTORS
-from benchmarks.experiments.tables import COUNTS
+from experiments.findings import Findings
+from experiments.plan import AGGREGATE
+from experiments.settings import PREDICTORS
+from experiments.tables import COUNTS
 from gtf_tune.report.drawing import theme
 
 FOLDER = "images/results"

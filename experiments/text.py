@@ -2,10 +2,10 @@
 
 from types import MappingProxyType
 
-from benchmarks.experiments import joint, ladder, several
-from benchmarks.experiments.ablation import WITHOUT_SUCCESSOR
-from benchmarks.experiments.findings import WORTH_FINDING
-from benchmarks.experiments.plan import AGGREGATE
+from experiments import joint, ladder, several
+from experiments.ablation import WITHOUT_SUCCESSOR
+from experiments.findings import WORTH_FINDING
+from experiments.plan import AGGREGATE
 
 FIGURES = MappingProxyType(
     {

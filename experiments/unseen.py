@@ -9,12 +9,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from benchmarks.experiments.estimators import paired_ratio
-from benchmarks.experiments.findings import WORTH_FINDING
-from benchmarks.experiments.k_delta import DRAWS
-from benchmarks.experiments.numbers import Table, mean, percent, plain, share, spearman
-from benchmarks.experiments.plan import AGGREGATE
-from benchmarks.experiments.settings import AGGREGATES, Outcome, Setting
+from experiments.estimators import paired_ratio
+from experiments.findings import WORTH_FINDING
+from experiments.k_delta import DRAWS
+from experiments.numbers import Table, mean, percent, plain, share, spearman
+from experiments.plan import AGGREGATE
+from experiments.settings import AGGREGATES, Outcome, Setting
 from gtf_tune.gtf import Aggregate, aggregate_matrix
 
 Scorer = Callable[[Setting, Setting, Sequence[int]], float]

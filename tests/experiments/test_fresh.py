@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.experiments.fresh import FreshError, fresh_sentence, fresh_table, judged
-from benchmarks.experiments.plan import OPTIONS, Experiment
-from benchmarks.experiments.settings import Outcome
-from benchmarks.experiments.stored import stored_fresh
-from tests.benchmarks.test_experiment_outcomes import setting
+from experiments.fresh import FreshError, fresh_sentence, fresh_table, judged
+from experiments.plan import OPTIONS, Experiment
+from experiments.settings import Outcome
+from experiments.stored import stored_fresh
+from tests.experiments.test_experiment_outcomes import setting
 
 NAME = OPTIONS["huber"].name
 OUTCOME = Outcome(

@@ -6,15 +6,15 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy import stats
 
-from benchmarks.experiments.findings import share_of_oracle
-from benchmarks.experiments.joint import Joint, sweeps_of
-from benchmarks.experiments.k_delta import Curve, picks
-from benchmarks.experiments.ladder import Ladder
-from benchmarks.experiments.numbers import Table, mean, percent, plain, share, significant
-from benchmarks.experiments.paper import ROWS
-from benchmarks.experiments.plan import AGGREGATE, OPTIONS, TRUTHS, UNKNOWN_TRUTH
-from benchmarks.experiments.settings import AGGREGATES, PREDICTORS, Outcome, Setting
-from benchmarks.experiments.unseen import SCORERS, share_on_unseen
+from experiments.findings import share_of_oracle
+from experiments.joint import Joint, sweeps_of
+from experiments.k_delta import Curve, picks
+from experiments.ladder import Ladder
+from experiments.numbers import Table, mean, percent, plain, share, significant
+from experiments.paper import ROWS
+from experiments.plan import AGGREGATE, OPTIONS, TRUTHS, UNKNOWN_TRUTH
+from experiments.settings import AGGREGATES, PREDICTORS, Outcome, Setting
+from experiments.unseen import SCORERS, share_on_unseen
 from gtf_tune.gtf import find_collapsed
 
 COUNTS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 60)

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.experiments import report
-from benchmarks.experiments.ablation import ablation
-from benchmarks.experiments.estimators import between, dispersion, paired_ratio
-from benchmarks.experiments.figures import gains, k_delta, noise, options
-from benchmarks.experiments.findings import Findings, share_of_oracle, share_of_verdicts
-from benchmarks.experiments.joint import Joint
-from benchmarks.experiments.k_delta import curve, picks, r_squared_by_count
-from benchmarks.experiments.ladder import Ladder, Rung
-from benchmarks.experiments.plan import (
+from experiments import report
+from experiments.ablation import ablation
+from experiments.estimators import between, dispersion, paired_ratio
+from experiments.figures import gains, k_delta, noise, options
+from experiments.findings import Findings, share_of_oracle, share_of_verdicts
+from experiments.joint import Joint
+from experiments.k_delta import curve, picks, r_squared_by_count
+from experiments.ladder import Ladder, Rung
+from experiments.plan import (
     OPTIONS,
     Experiment,
     batches,
@@ -23,11 +23,11 @@ from benchmarks.experiments.plan import (
     other_sigmas,
     traps,
 )
-from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
-from benchmarks.experiments.stored import outcome_from, stored_curves, stored_ladders, stored_results
-from benchmarks.experiments.tables import joint_table, shortfall_table, trap_table
-from benchmarks.experiments.unseen import SCORERS, on_unseen, share_on_unseen, unseen_table
-from benchmarks.experiments.weaker import noise_pairs, noise_sentence, noise_table, standings
+from experiments.settings import PREDICTORS, Outcome, Setting
+from experiments.stored import outcome_from, stored_curves, stored_ladders, stored_results
+from experiments.tables import joint_table, shortfall_table, trap_table
+from experiments.unseen import SCORERS, on_unseen, share_on_unseen, unseen_table
+from experiments.weaker import noise_pairs, noise_sentence, noise_table, standings
 from gtf_tune.trajectory import Trajectory
 
 HUBER = Experiment("dtu-scan24", OPTIONS["huber"], 2.0)

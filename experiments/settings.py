@@ -8,9 +8,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from benchmarks.experiments.estimators import between, dispersion, paired_ratio
-from benchmarks.experiments.numbers import spearman
-from benchmarks.experiments.plan import Experiment
+from experiments.estimators import between, dispersion, paired_ratio
+from experiments.numbers import spearman
+from experiments.plan import Experiment
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.gtf import Aggregate, aggregate_matrix
 from gtf_tune.metrics import ate

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.experiments.estimators import paired_ratio
-from benchmarks.experiments.fresh import FreshError
-from benchmarks.experiments.joint import Joint
-from benchmarks.experiments.k_delta import Curve
-from benchmarks.experiments.ladder import Ladder, Rung
-from benchmarks.experiments.plan import Experiment
-from benchmarks.experiments.settings import Outcome, Setting
-from benchmarks.experiments.several import Candidate, OnSequence
+from experiments.estimators import paired_ratio
+from experiments.fresh import FreshError
+from experiments.joint import Joint
+from experiments.k_delta import Curve
+from experiments.ladder import Ladder, Rung
+from experiments.plan import Experiment
+from experiments.settings import Outcome, Setting
+from experiments.several import Candidate, OnSequence
 from gtf_tune.trajectory import FloatArray
 
 _GROUPS = ("experiments", "weaker_noise", "traps", "ablation", "many")

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from benchmarks.experiments.plan import OPTIONS, ROOM, SIGMAS, Experiment, Option
+from experiments.plan import OPTIONS, ROOM, SIGMAS, Experiment, Option
 
 SEQUENCES = (ROOM, "dtu-scan24")
 

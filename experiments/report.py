@@ -6,22 +6,22 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from benchmarks.experiments import tables, text
-from benchmarks.experiments.figures import FOLDER, write_figures
-from benchmarks.experiments.findings import (
+from experiments import tables, text
+from experiments.figures import FOLDER, write_figures
+from experiments.findings import (
     AIM,
     WORTH_FINDING,
     Findings,
     share_of_oracle,
     share_of_verdicts,
 )
-from benchmarks.experiments.fresh import fresh_sentence, fresh_table
-from benchmarks.experiments.numbers import known, part, percent
-from benchmarks.experiments.plan import CONFIRMATION_RUNS, FRAMES, TOP, TRUTHS, UNKNOWN_TRUTH
-from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
-from benchmarks.experiments.several import several_table
-from benchmarks.experiments.unseen import picks_on_unseen, shares, unseen_table
-from benchmarks.experiments.weaker import noise_pairs, noise_sentence, noise_table
+from experiments.fresh import fresh_sentence, fresh_table
+from experiments.numbers import known, part, percent
+from experiments.plan import CONFIRMATION_RUNS, FRAMES, TOP, TRUTHS, UNKNOWN_TRUTH
+from experiments.settings import PREDICTORS, Outcome, Setting
+from experiments.several import several_table
+from experiments.unseen import picks_on_unseen, shares, unseen_table
+from experiments.weaker import noise_pairs, noise_sentence, noise_table
 
 
 def write_results(findings: Findings, folder: Path) -> None:

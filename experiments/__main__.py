@@ -9,17 +9,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from benchmarks.experiments import several
-from benchmarks.experiments.ablation import ablation, swept_elsewhere
-from benchmarks.experiments.findings import Findings
-from benchmarks.experiments.fresh import read_fresh
-from benchmarks.experiments.joint import SEQUENCES as JOINT_SEQUENCES
-from benchmarks.experiments.joint import read_joint, run_joint
-from benchmarks.experiments.k_delta import curve
-from benchmarks.experiments.ladder import SEQUENCES as LADDER_SEQUENCES
-from benchmarks.experiments.ladder import Ladder, NotMeasuredError, read_ladder, run_ladder
-from benchmarks.experiments.measure import Bench, data_folders, ground_truths, run_confirmation, run_grid
-from benchmarks.experiments.plan import (
+from experiments import several
+from experiments.ablation import ablation, swept_elsewhere
+from experiments.findings import Findings
+from experiments.fresh import read_fresh
+from experiments.joint import SEQUENCES as JOINT_SEQUENCES
+from experiments.joint import read_joint, run_joint
+from experiments.k_delta import curve
+from experiments.ladder import SEQUENCES as LADDER_SEQUENCES
+from experiments.ladder import Ladder, NotMeasuredError, read_ladder, run_ladder
+from experiments.measure import Bench, data_folders, ground_truths, run_confirmation, run_grid
+from experiments.plan import (
     CONFIRMATION_RUNS,
     OPTIONS,
     SIGMAS,
@@ -31,9 +31,9 @@ from benchmarks.experiments.plan import (
     other_sigmas,
     traps,
 )
-from benchmarks.experiments.report import write_results
-from benchmarks.experiments.settings import Outcome, read_outcome
-from benchmarks.experiments.stored import (
+from experiments.report import write_results
+from experiments.settings import Outcome, read_outcome
+from experiments.stored import (
     outcome_from,
     stored_candidates,
     stored_curves,

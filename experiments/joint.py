@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.experiments.measure import Bench, confirm_study, finish_study
-from benchmarks.experiments.plan import (
+from experiments.measure import Bench, confirm_study, finish_study
+from experiments.plan import (
     AGGREGATE,
     FIXED,
     OPTIONS,
@@ -16,7 +16,7 @@ from benchmarks.experiments.plan import (
     Experiment,
     sequence_of,
 )
-from benchmarks.experiments.settings import PREDICTORS, Outcome
+from experiments.settings import PREDICTORS, Outcome
 from gtf_tune.store import confirmations, ground_truth_errors, studies, trials
 from gtf_tune.store.database import Database
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.experiments.measure import Bench, confirm_study, finish_study
-from benchmarks.experiments.numbers import Table, percent
-from benchmarks.experiments.plan import AGGREGATE, CLEAN_RUNS, FIXED, NOISY_RUNS, OPTIONS, ROOM, sequence_of
-from benchmarks.experiments.settings import Outcome
+from experiments.measure import Bench, confirm_study, finish_study
+from experiments.numbers import Table, percent
+from experiments.plan import AGGREGATE, CLEAN_RUNS, FIXED, NOISY_RUNS, OPTIONS, ROOM, sequence_of
+from experiments.settings import Outcome
 from gtf_tune.store import confirmations, studies
 from gtf_tune.store.database import Database
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from benchmarks.experiments.numbers import Table, percent, spearman
-from benchmarks.experiments.plan import Experiment
-from benchmarks.experiments.settings import Outcome, true_ates
+from experiments.numbers import Table, percent, spearman
+from experiments.plan import Experiment
+from experiments.settings import Outcome, true_ates
 from gtf_tune.gtf.random_effects import far_from_median
 from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.experiments.plan import ROOM, TOP, Experiment
+from experiments.plan import ROOM, TOP, Experiment
 from gtf_tune.execution import LocalExecutor, StageCache, default_cache_folder
 from gtf_tune.sequence import load_sequence
 from gtf_tune.sequence.render.room import RoomSpec, render_room

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.experiments.settings import AGGREGATES, Outcome
+from experiments.settings import AGGREGATES, Outcome
 from gtf_tune.gtf import Aggregate, aggregate_matrix
 
 DRAWS = 200

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from benchmarks.experiments.fresh import FreshError
-from benchmarks.experiments.joint import Joint
-from benchmarks.experiments.k_delta import Curve
-from benchmarks.experiments.ladder import Ladder
-from benchmarks.experiments.numbers import mean
-from benchmarks.experiments.plan import AGGREGATE
-from benchmarks.experiments.settings import PREDICTORS, Outcome, Setting
-from benchmarks.experiments.several import Candidate
+from experiments.fresh import FreshError
+from experiments.joint import Joint
+from experiments.k_delta import Curve
+from experiments.ladder import Ladder
+from experiments.numbers import mean
+from experiments.plan import AGGREGATE
+from experiments.settings import PREDICTORS, Outcome, Setting
+from experiments.several import Candidate
 
 WORTH_FINDING = 0.03
 """Oracle's gain from which on a pick is asked to reach most of it."""

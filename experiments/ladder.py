@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.experiments.measure import Bench, local_executor
-from benchmarks.experiments.numbers import known
-from benchmarks.experiments.plan import FIXED, FRAMES, ROOM
+from experiments.measure import Bench, local_executor
+from experiments.numbers import known
+from experiments.plan import FIXED, FRAMES, ROOM
 from gtf_tune.definition import GtfDefinition, LimitsDefinition
 from gtf_tune.metrics import ate
 from gtf_tune.pipelines import create_pipeline

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from benchmarks.experiments.findings import WORTH_FINDING, share_of_oracle
-from benchmarks.experiments.numbers import Table, mean, percent, plain, share
-from benchmarks.experiments.plan import AGGREGATE
-from benchmarks.experiments.settings import PREDICTORS, Agreement, Outcome
+from experiments.findings import WORTH_FINDING, share_of_oracle
+from experiments.numbers import Table, mean, percent, plain, share
+from experiments.plan import AGGREGATE
+from experiments.settings import PREDICTORS, Agreement, Outcome
 
 _REGRESSION = 0.01
 
