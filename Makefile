@@ -4,12 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 JOBS ?= 2
+NEWEST ?= >=3.12
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test check bench experiments soak format lock clean
+.PHONY: help setup demo test test-lowest test-newest check bench experiments soak format lock clean
 
 help: ## Show this list
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*## "} {printf "  make %-12s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*## "} {printf "  make %-12s %s\n", $$1, $$2}'
 
 setup: $(STAMP) ## Create the environment in .venv
 
@@ -24,6 +25,22 @@ demo: setup ## Render a room, tune GLOMAP on it without ground truth, show and r
 
 test: setup ## Run the tests (under five minutes on two cores)
 	$(BIN)/python -m pytest -n $(JOBS)
+
+test-lowest: setup ## Run the tests on the lowest allowed versions of the dependencies
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv venv --quiet --clear --python $(PYTHON) $(VENV)-lowest
+	$(BIN)/uv pip install --quiet --python $(VENV)-lowest/bin/python --resolution lowest-direct -e '.[postgres,dask]'
+	$(VENV)-lowest/bin/python -c 'import pycolmap, optuna; print("pycolmap", pycolmap.__version__, "optuna", optuna.__version__)'
+	$(BIN)/uv pip freeze --python $(VENV)-lowest/bin/python --exclude-editable > $(VENV)-lowest/constraints.txt
+	$(BIN)/uv pip install --quiet --python $(VENV)-lowest/bin/python -c $(VENV)-lowest/constraints.txt -e '.[dev]'
+	$(VENV)-lowest/bin/python -m pytest -n $(JOBS)
+
+test-newest: setup ## Run the tests on the newest Python of this machine, with the newest dependencies
+	$(BIN)/python -m pip install --quiet uv
+	$(BIN)/uv venv --quiet --clear --python '$(NEWEST)' $(VENV)-newest
+	$(BIN)/uv pip install --quiet --python $(VENV)-newest/bin/python -e '.[dev,postgres,dask,png]'
+	$(VENV)-newest/bin/python --version
+	$(VENV)-newest/bin/python -m pytest -n $(JOBS)
 
 check: setup ## Lint, type-check, check layers and file sizes, build the documentation
 	$(BIN)/ruff check .
@@ -52,4 +69,4 @@ lock: setup ## Resolve the dependencies anew into constraints.txt
 	$(BIN)/uv pip compile pyproject.toml --extra dev --extra postgres --extra dask --extra cmaes --extra png --universal --python-version 3.11 --no-header --no-annotate --output-file constraints.txt
 
 clean: ## Remove the environment and what the tools left
-	rm -rf $(VENV) build dist site .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(VENV)-lowest $(VENV)-newest build dist site .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
