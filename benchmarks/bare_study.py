@@ -71,19 +71,19 @@ class BareStudy:
     def __iter__(self) -> Iterator[Step]:
         grid = self.space.grid() if self.definition.search.sampler == "grid" else itertools.repeat(None)
         points = itertools.chain([self.space.nominal], grid)
-        for ordinal, fixed in enumerate(points):
+        for number, fixed in enumerate(points):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                self._trial(ordinal, fixed)
+                self._trial(number, fixed)
             yield Step(self.runs, self.pipeline.expected_error({**self.definition.pipeline.options, **self.pick}))
 
-    def _trial(self, ordinal: int, fixed: Mapping[str, Any] | None) -> None:
-        self.study.sampler = make_sampler(self.definition.search, ordinal, self.space)
+    def _trial(self, number: int, fixed: Mapping[str, Any] | None) -> None:
+        self.study.sampler = make_sampler(self.definition.search, number, self.space)
         if fixed is not None:
             self.study.enqueue_trial(dict(fixed))
         trial = self.study.ask()
         options = self.space.suggest(trial)
-        score, decision = self._score(ordinal, options)
+        score, decision = self._score(number, options)
         trial.set_constraint("coverage", score.violation)
         if score.score is None or not score.feasible:
             self.study.tell(trial, 2.0 - score.coverage)
@@ -99,13 +99,13 @@ class BareStudy:
         if value < self.best:
             self.best, self.pick, self.incumbent = value, options, instances
 
-    def _score(self, ordinal: int, options: Mapping[str, OptionValue]) -> tuple[SequenceScore, Decision]:
+    def _score(self, number: int, options: Mapping[str, OptionValue]) -> tuple[SequenceScore, Decision]:
         clean = [self._run(options, ("clean", index)) for index in range(self.definition.gtf.clean_runs)]
         coverage = min(len(run.trajectory) for run in clean) / len(SEQUENCE)
-        if ordinal == 0:
+        if number == 0:
             self.floor = self.definition.gtf.coverage_floor * coverage
         noisy: list[FinishedRun] = []
-        decision = Decision(self.sizing.first(is_nominal=ordinal == 0))
+        decision = Decision(self.sizing.first(is_nominal=number == 0))
         score = SequenceScore(None, coverage, self.floor - coverage)
         while coverage >= self.floor and len(noisy) < decision.noisy_runs:
             noisy += [self._run(options, ("noisy", index)) for index in range(len(noisy), decision.noisy_runs)]
@@ -122,7 +122,7 @@ class BareStudy:
 
     def _run(self, options: Mapping[str, OptionValue], run: tuple[RunKind, int]) -> FinishedRun:
         self.runs += 1
-        request = self.planner.request(SEQUENCE, options, run, sigma=_SIGMA, ordinal=0)
+        request = self.planner.request(SEQUENCE, options, run, sigma=_SIGMA, number=0)
         job = PipelineJob(
             images=request.images,
             camera=None,

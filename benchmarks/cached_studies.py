@@ -109,7 +109,7 @@ def compare(sequence: ImageSequence, option: str, values: Sequence[float], cache
         for number, value in enumerate(values):
             these = [
                 _pair(
-                    planner.request(sequence, {option: value}, one, sigma=SIGMA, ordinal=0), naive, cached, number == 0
+                    planner.request(sequence, {option: value}, one, sigma=SIGMA, number=0), naive, cached, number == 0
                 )
                 for one in order
             ]
@@ -136,7 +136,7 @@ def _warm_up(*executors: Executor) -> None:
     from gtf_tune.pipelines.analytic import imaginary_sequence
 
     planner = RunPlanner(create_pipeline("analytic"), GtfDefinition(), SeedSource(0), {})
-    request = planner.request(imaginary_sequence(10), {}, ("clean", 0), sigma=0.0, ordinal=0)
+    request = planner.request(imaginary_sequence(10), {}, ("clean", 0), sigma=0.0, number=0)
     for executor in executors:
         executor.submit(request, LIMITS).result()
 

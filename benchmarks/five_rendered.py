@@ -17,7 +17,8 @@ from gtf_tune.execution import LocalExecutor, StageCache
 from gtf_tune.sequence import Selection, Sequence, load_sequence
 from gtf_tune.store import ground_truth_errors
 from gtf_tune.store.database import Database, create_database
-from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.open_study import open_study
 from gtf_tune.study.outcome.improvement import pick
 from gtf_tune.study.work.worker import StudyWorker
 
@@ -151,10 +152,10 @@ def _picked(database: Database, name: str, trials: int) -> Picked:
     study = open_study(database, name)
     best = pick(database, study.record.id).best
     truth = {
-        ordinal: next(iter(one.values()))
-        for ordinal, one in ground_truth_errors.values(database, study.record.id).items()
+        number: next(iter(one.values()))
+        for number, one in ground_truth_errors.values(database, study.record.id).items()
     }
-    nominal, picked = truth.get(0), truth.get(best.ordinal if best else 0)
+    nominal, picked = truth.get(0), truth.get(best.number if best else 0)
     if nominal is None or picked is None:
         raise RuntimeError(f"expected the true ATE of nominal and of the pick of '{name}'; see its log")
     return Picked(nominal, picked, trials * (CLEAN_RUNS + NOISY_RUNS))

@@ -15,7 +15,8 @@ from benchmarks.replicate import replicate
 from benchmarks.section import Aim, Effort, Section, median
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.store.database import create_database, open_database
-from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.open_study import open_study
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.work.callbacks import Silent, TrialEnd
 from gtf_tune.study.work.worker import StudyWorker

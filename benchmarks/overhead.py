@@ -13,7 +13,8 @@ from gtf_tune.execution import LocalExecutor, StageCache
 from gtf_tune.sequence import Sequence
 from gtf_tune.store.database import create_database
 from gtf_tune.store.runs import StoredRun
-from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.open_study import open_study
 from gtf_tune.study.runs.run_source import RunSlot
 from gtf_tune.study.work.callbacks import Silent
 from gtf_tune.study.work.worker import StudyWorker

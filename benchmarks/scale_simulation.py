@@ -30,8 +30,9 @@ from gtf_tune.execution import InlineExecutor
 from gtf_tune.store import studies, trial_queue, trials
 from gtf_tune.store.database import Database, open_database
 from gtf_tune.store.workers import this_worker
-from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.work.server import ServingRules, StudyServer
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.open_study import open_study
+from gtf_tune.study.work.server import WorkerLoop, WorkerRules
 from tests.faults.servers import RestartableServer
 from tests.study.conftest import write_sequence
 
@@ -143,7 +144,7 @@ def create(storage: str, room: Path, count: int, name: str = "scale") -> None:
 def serve(storage: str) -> None:
     """Work until nothing is left to do."""
     database = open_database(storage)
-    StudyServer(database, InlineExecutor(), ServingRules()).serve()
+    WorkerLoop(database, InlineExecutor(), WorkerRules()).run()
     database.close()
 
 
@@ -230,7 +231,7 @@ def measure_queries(server: RestartableServer, room: Path, count: int) -> QueryC
     worker = this_worker()
     cost = QueryCost(
         trials=count,
-        claim_ms=fastest_ms(lambda: trial_queue.claim_slot(database, study.id, 2 * count, worker)),
+        claim_ms=fastest_ms(lambda: trial_queue.lease_trial(database, study.id, 2 * count, worker)),
         adopt_ms=fastest_ms(lambda: trial_queue.adopt_stale(database, study.id, worker, 120.0)),
         untold_ms=fastest_ms(lambda: trials.untold(database, study.id)),
         best_ms=fastest_ms(lambda: trials.best(database, study.id, before=count)),

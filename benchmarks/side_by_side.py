@@ -69,7 +69,7 @@ def run(effort: Effort) -> Section:
 def _requests(sequence: Sequence, threshold: float) -> list[RunRequest]:
     planner = RunPlanner(create_pipeline("glomap"), GtfDefinition(), SeedSource(0), FIXED_OPTIONS)
     options = {"mapper.max_normalized_reproj_error": threshold}
-    return [planner.request(sequence, options, one, sigma=5.0, ordinal=0) for one in run_order(2, 6)]
+    return [planner.request(sequence, options, one, sigma=5.0, number=0) for one in run_order(2, 6)]
 
 
 def _time(executor: LocalExecutor, requests: list[RunRequest]) -> tuple[float, bytes]:

@@ -91,8 +91,8 @@ def read_joint(database: Database, sequence: str) -> Joint | None:
     stored = ground_truth_errors.of_study(database, study.id)
     truth = {key: found[0].ate for key, found in stored.items() if found and found[0].ate is not None}
     best = trials.best(database, study.id)
-    feasible = [one.ordinal for one in known if one.feasible and one.ordinal in truth]
-    if best is None or not {0, best.ordinal} <= truth.keys():
+    feasible = [one.number for one in known if one.feasible and one.number in truth]
+    if best is None or not {0, best.number} <= truth.keys():
         return None
     confirmed = confirmations.of_study(database, study.id)
     adopted = (confirmed[-1].result["adopted"] or 0) if confirmed else None
@@ -102,8 +102,8 @@ def read_joint(database: Database, sequence: str) -> Joint | None:
         trials=len(known),
         runs=sum((one.clean_runs or 0) + (one.noisy_runs or 0) for one in known),
         nominal=truth[0],
-        pick=truth[best.ordinal],
-        oracle=min(truth[ordinal] for ordinal in feasible),
+        pick=truth[best.number],
+        oracle=min(truth[number] for number in feasible),
         options=dict(best.options or {}),
         verdict=confirmed[-1].verdict if confirmed else "unconfirmed",
         adopted=None if adopted is None else truth[adopted],

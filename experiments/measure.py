@@ -12,7 +12,8 @@ from gtf_tune.sequence import load_sequence
 from gtf_tune.sequence.render.room import RoomSpec, render_room
 from gtf_tune.store import confirmations, studies
 from gtf_tune.store.database import Database
-from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.open_study import open_study
 from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
 from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
 from gtf_tune.study.runs.stop import StopRequest

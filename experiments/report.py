@@ -75,7 +75,7 @@ def _parts(findings: Findings, drawn: Sequence[str]) -> list[str]:
 def _introduction(findings: Findings) -> str:
     outcomes, missing = findings.outcomes, findings.missing
     confirmed = [one for one in outcomes if one.adopted is not None]
-    adopted = [one for one in confirmed if one.adopted is not None and one.adopted.ordinal]
+    adopted = [one for one in confirmed if one.adopted is not None and one.adopted.number]
     worse = [one for one in adopted if one.adopted is not None and one.change(one.adopted) > 0]
     lines = [
         "# Results",

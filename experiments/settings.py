@@ -32,7 +32,7 @@ class Setting:
     ``clean_clean``, ``noisy_noisy``, ``dispersion`` and ``paired`` are the other estimators of precision.
     """
 
-    ordinal: int
+    number: int
     value: float
     feasible: bool
     coverage: float
@@ -143,7 +143,7 @@ def read_outcome(database: Database, experiment: Experiment, truth: Trajectory |
     if not stored:
         return Outcome(experiment, settings, None, "unconfirmed")
     adopted = stored[-1].result["adopted"] or 0
-    return Outcome(experiment, settings, next(one for one in settings if one.ordinal == adopted), stored[-1].verdict)
+    return Outcome(experiment, settings, next(one for one in settings if one.number == adopted), stored[-1].verdict)
 
 
 def _setting(
@@ -155,9 +155,9 @@ def _setting(
     found = trajectories(database, [run.key for run in used])
     clean_poses, noisy_poses = ([found[run.key] for run in group] for group in (clean, noisy))
     errors = [float(run.diagnostics.get("mean_reprojection_error_px", math.nan)) for run in clean]
-    validated = ground_truth_errors.of_study(database, trial.study_id).get(trial.ordinal, [])
+    validated = ground_truth_errors.of_study(database, trial.study_id).get(trial.number, [])
     return Setting(
-        ordinal=trial.ordinal,
+        number=trial.number,
         value=float((trial.options or {})[experiment.option.name]),
         feasible=bool(trial.feasible),
         coverage=trial.coverage or 0.0,

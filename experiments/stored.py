@@ -89,16 +89,16 @@ def outcome_from(stored: Mapping[str, Any], experiment: Experiment) -> Outcome:
     rows = stored["settings"]
     matrices = [_matrix(row["matrix"]) for row in rows]
     settings = tuple(
-        _setting(ordinal, row, matrix, matrices[0])
-        for ordinal, (row, matrix) in enumerate(zip(rows, matrices, strict=True))
+        _setting(number, row, matrix, matrices[0])
+        for number, (row, matrix) in enumerate(zip(rows, matrices, strict=True))
     )
     adopted = next((one for one in settings if one.value == stored["adopted"]), None)
     return Outcome(experiment, settings, adopted, stored["verdict"])
 
 
-def _setting(ordinal: int, row: Mapping[str, Any], matrix: FloatArray, nominal: FloatArray) -> Setting:
+def _setting(number: int, row: Mapping[str, Any], matrix: FloatArray, nominal: FloatArray) -> Setting:
     return Setting(
-        ordinal=ordinal,
+        number=number,
         value=row["value"],
         feasible=row["feasible"],
         coverage=row["coverage"],

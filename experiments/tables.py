@@ -37,7 +37,7 @@ def table_2(outcomes: Sequence[Outcome]) -> Table:
 def _cell(outcome: Outcome) -> str:
     pick = outcome.agreement(PREDICTORS[AGGREGATE]).pick
     verdict = outcome.verdict
-    if outcome.adopted is not None and outcome.adopted.ordinal:
+    if outcome.adopted is not None and outcome.adopted.number:
         verdict = f"adopt {percent(outcome.change(outcome.adopted))}"
     return f"pick {percent(outcome.change(pick))}<br>{verdict}<br>oracle {percent(outcome.change(outcome.oracle))}"
 
@@ -249,7 +249,7 @@ def trap_table(traps: Sequence[Outcome]) -> Table:
         pick = outcome.agreement(PREDICTORS[AGGREGATE]).pick
         for one in sorted(outcome.settings, key=lambda setting: setting.value):
             name = f"{outcome.experiment.sequence}, `{outcome.experiment.option.name}` = {one.value:g}"
-            mark = " and picked" if one.ordinal == pick.ordinal else ""
+            mark = " and picked" if one.number == pick.number else ""
             state = "feasible" if one.feasible else "infeasible"
             rows.append([name, f"{one.coverage:.0%}", percent(outcome.change(one)), f"{state}{mark}"])
     return ["setting", "least coverage", "true ATE over registered frames", ""], rows

@@ -95,7 +95,7 @@ def _standing(outcomes: Sequence[Outcome], worth: Sequence[Outcome]) -> Standing
 def _verdict(outcome: Outcome) -> str:
     if outcome.adopted is None:
         return ""
-    return f"adopt {percent(outcome.change(outcome.adopted))}" if outcome.adopted.ordinal else outcome.verdict
+    return f"adopt {percent(outcome.change(outcome.adopted))}" if outcome.adopted.number else outcome.verdict
 
 
 def _agreement(outcome: Outcome) -> Agreement:

@@ -34,7 +34,8 @@ def demo(
     from gtf_tune.sequence import render_room
     from gtf_tune.store import studies
     from gtf_tune.store.database import create_database
-    from gtf_tune.study.create import checked_definition, create_study, open_study
+    from gtf_tune.study.create import checked_definition, create_study
+    from gtf_tune.study.open_study import open_study
 
     hush_optuna()
     room = folder / "room"
@@ -76,7 +77,7 @@ def _write_outcome(database: "Database", study_id: int) -> None:
 
     known = [trial for trial in trials.of_study(database, study_id) if trial.value is not None]
     recorded = ground_truth_errors.of_study(database, study_id)
-    truth = {ordinal: found[0].ate for ordinal, found in recorded.items() if found[0].ate is not None}
+    truth = {trial_number: found[0].ate for trial_number, found in recorded.items() if found[0].ate is not None}
     nominal, best = known[0], trials.best(database, study_id)
     ranked = sorted(known, key=lambda trial: (trial.options or {})[_OPTION])
     rows = [
@@ -84,19 +85,19 @@ def _write_outcome(database: "Database", study_id: int) -> None:
             number(float((trial.options or {})[_OPTION])),
             permille(trial.gtf_ate),
             permille(trial.standard_error),
-            number(truth.get(trial.ordinal)),
-            _marks(trial.ordinal == 0, best is not None and trial.ordinal == best.ordinal),
+            number(truth.get(trial.number)),
+            _marks(trial.number == 0, best is not None and trial.number == best.number),
         )
         for trial in ranked
     ]
     write_table([f">{_OPTION}", ">GTF ATE [‰]", ">± se", ">true ATE", ""], rows)
-    if best is not None and best.value and nominal.feasible and nominal.value and {0, best.ordinal} <= truth.keys():
-        gain, true_gain = best.value / nominal.value - 1, truth[best.ordinal] / truth[0] - 1
+    if best is not None and best.value and nominal.feasible and nominal.value and {0, best.number} <= truth.keys():
+        gain, true_gain = best.value / nominal.value - 1, truth[best.number] / truth[0] - 1
         write_line(f"the pick changes GTF ATE by {percent(gain)}")
         write_line(f"the pick changes true ATE, which the search never saw, by {percent(true_gain)}")
         oracle = min(truth.values()) / truth[0] - 1
         write_line(f"the best that ground truth itself would have found: {percent(oracle)}")
-    pairs = [(trial.gtf_ate, truth[trial.ordinal]) for trial in known if trial.gtf_ate and trial.ordinal in truth]
+    pairs = [(trial.gtf_ate, truth[trial.number]) for trial in known if trial.gtf_ate and trial.number in truth]
     write_line(f"rank correlation of GTF ATE and true ATE over {len(pairs)} settings: {rank_correlation(pairs):+.2f}")
 
 

@@ -24,7 +24,7 @@ Side = Annotated[
 
 @dataclass(frozen=True)
 class TrueErrors:
-    """Hold the side metric of trials by their ordinals and the names of sequences, and which metric it is."""
+    """Hold the side metric of trials by their numbers and the names of sequences, and which metric it is."""
 
     side: "SideMetricDefinition"
     by_trial: Mapping[int, Mapping[str, float | None]]
@@ -42,16 +42,16 @@ class TrueErrors:
         names = self.sequences
         return [title] if len(names) == 1 else [f"{title}, {name}" for name in names]
 
-    def cells(self, ordinal: int) -> list[str]:
+    def cells(self, trial_number: int) -> list[str]:
         """Return the errors of a trial, one for each column."""
-        return [number(self.value(ordinal, name)) for name in self.sequences]
+        return [number(self.value(trial_number, name)) for name in self.sequences]
 
-    def value(self, ordinal: int, sequence: str) -> float | None:
+    def value(self, trial_number: int, sequence: str) -> float | None:
         """Return the error of a trial on a sequence, ``None`` where it is not known."""
-        return self.by_trial.get(ordinal, {}).get(sequence)
+        return self.by_trial.get(trial_number, {}).get(sequence)
 
-    def as_json(self, ordinal: int) -> dict[str, Any]:
+    def as_json(self, trial_number: int) -> dict[str, Any]:
         """Return the error of a trial under its name (of a single sequence), and those of all sequences."""
-        values = {name: self.value(ordinal, name) for name in self.sequences}
+        values = {name: self.value(trial_number, name) for name in self.sequences}
         single = next(iter(values.values())) if len(values) == 1 else None
         return {self.side.key: single, "ground_truth": values}

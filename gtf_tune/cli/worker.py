@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from gtf_tune.study.open_study import OpenStudy
     from gtf_tune.study.runs.run_source import RunSlot
     from gtf_tune.study.work.callbacks import TrialEnd
-    from gtf_tune.study.work.server import ServingRules
+    from gtf_tune.study.work.server import WorkerRules
 
 Names = Annotated[list[str] | None, typer.Option("--study", metavar="NAME", help="Serve this study only; repeatable.")]
 DataRoot = Annotated[
@@ -56,13 +56,13 @@ def worker(
     Example: gtf-tune worker --storage studies.db --once
     """
     from gtf_tune.errors import DefinitionError
-    from gtf_tune.study.places import SequencePlaces
+    from gtf_tune.study.open_study import SequencePlaces
     from gtf_tune.study.runs.stop import StopRequest, signals_to
-    from gtf_tune.study.work.server import ServingRules, StudyServer
+    from gtf_tune.study.work.server import WorkerLoop, WorkerRules
 
     if once and idle_exit is not None:
         raise DefinitionError("--once leaves as soon as nothing is left, --idle-exit S seconds later; give one of them")
-    rules = ServingRules(
+    rules = WorkerRules(
         names=tuple(study or ()),
         places=SequencePlaces(place_folders(sequence), data_root),
         allow_version_mismatch=allow_version_mismatch,
@@ -77,8 +77,8 @@ def worker(
     ):
         database = wait_for_storage(storage)
         _announce_closed(database, rules)
-        server = StudyServer(database, runs_on, rules, stop, say, _Lines)
-        server.serve()
+        server = WorkerLoop(database, runs_on, rules, stop, say, _Lines)
+        server.run()
     if stop.level:
         say("stopped; finished runs are kept")
         raise typer.Exit(INTERRUPTED_EXIT_CODE)
@@ -92,7 +92,7 @@ def worker(
         raise typer.Exit(1)
 
 
-def _announce_closed(database: "Database", rules: "ServingRules") -> None:
+def _announce_closed(database: "Database", rules: "WorkerRules") -> None:
     """Say which of the named studies are not open; raise `StorageError` for one that is not there to be waited for."""
     from gtf_tune.store import studies
 
@@ -115,10 +115,10 @@ class _Lines:
         self._name = study.definition.name
         self._unit = definition_unit(study.definition)
 
-    def trial_started(self, ordinal: int, options: Mapping[str, "OptionValue"], planned_runs: int) -> None:
+    def trial_started(self, number: int, options: Mapping[str, "OptionValue"], planned_runs: int) -> None:
         """Say which trial begins."""
         del options, planned_runs
-        say(f"{self._name}: trial {ordinal} begins")
+        say(f"{self._name}: trial {number} begins")
 
     def run_finished(self, slot: "RunSlot", run: "StoredRun", *, reused: bool) -> None:
         """Say which run failed, and why."""
@@ -136,4 +136,4 @@ class _Lines:
     def trial_finished(self, end: "TrialEnd") -> None:
         """Say how a trial ended."""
         found = self._unit.told(end.score.value) if end.score.feasible else f"infeasible, {end.score.message}"
-        say(f"{self._name}: trial {end.ordinal} is done: {found}")
+        say(f"{self._name}: trial {end.number} is done: {found}")

@@ -81,8 +81,7 @@ def build_sections(report: ReportInput, definition: ReportDefinition) -> list[Se
 def read_configurations(database: Database, data: StudyData) -> dict[str, tuple[ConfigurationRuns, ...]]:
     """Return the trajectories of the nominal and of the recommended trial, else the best one, by sequence."""
     by_trial = [
-        read_configuration(database, data, f"{name} (trial {ordinal})", ordinal)
-        for name, ordinal in compared_trials(data)
+        read_configuration(database, data, f"{name} (trial {number})", number) for name, number in compared_trials(data)
     ]
     names = [sequence.name for sequence in data.sequences]
     found = {name: tuple(runs[name] for runs in by_trial if name in runs) for name in names}

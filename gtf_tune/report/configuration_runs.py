@@ -28,7 +28,7 @@ class ConfigurationRuns:
         return next((run for run in self.clean if len(run)), None)
 
 
-def read_configuration(database: Database, data: StudyData, title: str, ordinal: int) -> dict[str, ConfigurationRuns]:
+def read_configuration(database: Database, data: StudyData, title: str, number: int) -> dict[str, ConfigurationRuns]:
     """Return the runs of one trial by sequence, under the given title; sequences without runs are absent.
 
     Raises
@@ -36,7 +36,7 @@ def read_configuration(database: Database, data: StudyData, title: str, ordinal:
     StorageError
         A trajectory is not the one that was stored.
     """
-    used = [use for use in data.runs if use.ordinal == ordinal]
+    used = [use for use in data.runs if use.number == number]
     found = trajectories(database, sorted({use.run.key for use in used}))
     by_sequence = {}
     for sequence in data.sequences:

@@ -33,9 +33,9 @@ class SequenceDetail:
     message: str
 
 
-def sequence_detail(data: StudyData, ordinal: int, sequence: str) -> SequenceDetail:
+def sequence_detail(data: StudyData, number: int, sequence: str) -> SequenceDetail:
     """Return what is stored for one trial and sequence; everything is NaN or empty where nothing is."""
-    stored = data.details.get(ordinal, {}).get("sequences", {}).get(sequence, {})
+    stored = data.details.get(number, {}).get("sequences", {}).get(sequence, {})
     low, high = stored.get("ci") or (None, None)
     return SequenceDetail(
         value=stored_number(stored.get("value")),

@@ -25,7 +25,7 @@ class TrialPoint:
     ground truth, or relative to nominal where sequences are combined. ``coverage`` is that of the worst run.
     """
 
-    ordinal: int
+    number: int
     state: PointState
     options: Mapping[str, OptionValue] = field(default_factory=dict)
     value: float = math.nan
@@ -70,7 +70,7 @@ class PointSet:
     @property
     def nominal(self) -> TrialPoint | None:
         """Return the point of trial 0, if it is feasible."""
-        return next((point for point in self.scored if point.ordinal == 0), None)
+        return next((point for point in self.scored if point.number == 0), None)
 
     @property
     def has_ground_truth(self) -> bool:
@@ -98,7 +98,7 @@ def sequence_points(data: StudyData, sequence: str) -> PointSet:
     truth, reprojection = _truth(data, sequence), _reprojection(data, {sequence})
     points = []
     for trial in data.trials:
-        detail = sequence_detail(data, trial.ordinal, sequence)
+        detail = sequence_detail(data, trial.number, sequence)
         points.append(_point(trial, detail.value, unit, (detail.low, detail.high), truth, reprojection))
     return PointSet(sequence, unit, f"ground-truth {side.words} [{side.unit}]", tuple(points))
 
@@ -129,14 +129,14 @@ def _point(
 ) -> TrialPoint:
     known = trial.feasible is True and trial.gtf_ate is not None
     return TrialPoint(
-        ordinal=trial.ordinal,
+        number=trial.number,
         state=state_of(trial),
         options=trial.options or {},
         value=unit.shown(value) if known else math.nan,
         low=unit.shown(interval[0]) if known else math.nan,
         high=unit.shown(interval[1]) if known else math.nan,
-        ground_truth=truth.get(trial.ordinal, math.nan),
-        reprojection_px=reprojection.get(trial.ordinal, math.nan),
+        ground_truth=truth.get(trial.number, math.nan),
+        reprojection_px=reprojection.get(trial.number, math.nan),
         coverage=stored_number(trial.coverage),
         collapsed=stored_number(trial.collapsed_rate),
         noisy_runs=trial.noisy_runs,
@@ -147,8 +147,8 @@ def _point(
 
 def _truth(data: StudyData, sequence: str) -> dict[int, float]:
     return {
-        ordinal: one.value
-        for ordinal, found in data.validations.items()
+        number: one.value
+        for number, found in data.validations.items()
         for one in found
         if one.sequence_name == sequence and one.value is not None
     }
@@ -158,11 +158,11 @@ def _combined_truth(data: StudyData) -> dict[int, float]:
     """Return the geometric mean over sequences of true error / that of nominal, as scores are combined."""
     by_sequence = [_truth(data, one.name) for one in data.sequences]
     usable = [errors for errors in by_sequence if errors.get(0, 0.0) > 0]
-    ordinals = set.intersection(*(set(errors) for errors in usable)) if usable else set()
+    numbers = set.intersection(*(set(errors) for errors in usable)) if usable else set()
     return {
-        ordinal: _geometric_mean(errors[ordinal] / errors[0] for errors in usable)
-        for ordinal in ordinals
-        if all(errors[ordinal] > 0 for errors in usable)
+        number: _geometric_mean(errors[number] / errors[0] for errors in usable)
+        for number in numbers
+        if all(errors[number] > 0 for errors in usable)
     }
 
 
@@ -176,5 +176,5 @@ def _reprojection(data: StudyData, sequences: set[str]) -> dict[int, float]:
     for one in data.runs:
         value = one.run.diagnostics.get(_REPROJECTION)
         if one.run.kind == "clean" and one.sequence_name in sequences and isinstance(value, int | float):
-            found.setdefault(one.ordinal, []).append(float(value))
-    return {ordinal: fmean(values) for ordinal, values in found.items()}
+            found.setdefault(one.number, []).append(float(value))
+    return {number: fmean(values) for number, values in found.items()}

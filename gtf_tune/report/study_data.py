@@ -10,9 +10,8 @@ from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.database import Database
 from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.runs import StoredRun, TrialRun
-from gtf_tune.store.studies import Study, StudySequence
+from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.stored import stored_definition
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,7 +19,7 @@ class StudyData:
     """Hold a study as it is stored: its trials with their matrices, ground truth beside them, confirmations.
 
     ``sequences`` are those that the search sees, ``holdouts`` the others. ``details`` and ``validations`` are by the
-    ordinal of the trial. ``runs`` are those of trials, ``confirmation_runs`` those of confirmations; both are empty
+    number of the trial. ``runs`` are those of trials, ``confirmation_runs`` those of confirmations; both are empty
     where nobody asked for them.
     """
 
@@ -44,12 +43,12 @@ class StudyData:
     @property
     def nominal(self) -> Trial | None:
         """Return trial 0 once it is complete and feasible, else None."""
-        return next((one for one in self.feasible if one.ordinal == 0), None)
+        return next((one for one in self.feasible if one.number == 0), None)
 
     @property
     def best(self) -> Trial | None:
         """Return the feasible trial of the smallest value, the first of equals, or None before there is one."""
-        return min(self.feasible, key=lambda one: (one.value, one.ordinal), default=None)
+        return min(self.feasible, key=lambda one: (one.value, one.number), default=None)
 
     @property
     def has_several_sequences(self) -> bool:
@@ -69,7 +68,7 @@ def read_search(database: Database, name: str) -> StudyData:
     return _with_trials(database, study, trials.of_study(database, study.id))
 
 
-def read_trials(database: Database, name: str, ordinals: Sequence[int]) -> StudyData:
+def read_trials(database: Database, name: str, numbers: Sequence[int]) -> StudyData:
     """Return a study with some of its trials and their runs only, at a cost that does not grow with the study.
 
     Raises
@@ -78,9 +77,9 @@ def read_trials(database: Database, name: str, ordinals: Sequence[int]) -> Study
         There is no such study or trial.
     """
     study = studies.get(database, name)
-    found = [trials.get(database, study.id, ordinal) for ordinal in dict.fromkeys(ordinals)]
+    found = [trials.get(database, study.id, number) for number in dict.fromkeys(numbers)]
     used = [one for trial in found for one in runs.of_trial(database, trial.id)]
-    return replace(_with_trials(database, study, found, ordinals), runs=tuple(used))
+    return replace(_with_trials(database, study, found, numbers), runs=tuple(used))
 
 
 def read_study(database: Database, name: str) -> StudyData:
@@ -107,7 +106,7 @@ def runs_made(runs: Sequence[TrialRun]) -> tuple[TrialRun, ...]:
 
 
 def _with_trials(
-    database: Database, study: Study, found: Sequence[Trial], ordinals: Collection[int] | None = None
+    database: Database, study: Study, found: Sequence[Trial], numbers: Collection[int] | None = None
 ) -> StudyData:
     definition = stored_definition(study)
     known = studies.sequences(database, study.id)
@@ -119,8 +118,8 @@ def _with_trials(
         sequences=tuple(one for one in known if one.name in searched),
         holdouts=tuple(one for one in known if one.name not in searched),
         trials=tuple(found),
-        details={one.ordinal: by_id.get(one.id) or {} for one in found},
-        validations=ground_truth_errors.of_study(database, study.id, ordinals),
+        details={one.number: by_id.get(one.id) or {} for one in found},
+        validations=ground_truth_errors.of_study(database, study.id, numbers),
         confirmations=tuple(confirmations.of_study(database, study.id)),
         storage=database.shown_url,
     )

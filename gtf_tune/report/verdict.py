@@ -29,7 +29,7 @@ class OptionChange:
 class Candidate:
     """Hold what a confirmation with fresh seeds found about one trial; ``reasons`` speak against adopting it."""
 
-    ordinal: int
+    number: int
     improvement: Improvement
     p_value: float
     is_adopted: bool
@@ -51,7 +51,7 @@ class Verdict:
     """
 
     kind: VerdictKind
-    ordinal: int | None
+    number: int | None
     changes: tuple[OptionChange, ...] = ()
     ratio: float = math.nan
     improvement: Improvement = UNKNOWN_IMPROVEMENT
@@ -71,13 +71,13 @@ def study_verdict(data: StudyData) -> Verdict:
     if data.best is None:
         return Verdict("none", None)
     found = confirmed_candidates(data)
-    best = data.best.ordinal
+    best = data.best.number
     repeats_nominal = data.nominal is not None and data.best.options == data.nominal.options
     if data.confirmations and (repeats_nominal or compared(data.confirmations[-1].result, data.best.options)):
         chosen = data.confirmations[-1].result.get("adopted")
-        adopted = next((one for one in found if one.ordinal == chosen), None)
+        adopted = next((one for one in found if one.number == chosen), None)
         if adopted is not None:
-            return _about(data, "adopt", adopted.ordinal, adopted.improvement, found)
+            return _about(data, "adopt", adopted.number, adopted.improvement, found)
         if data.confirmations[-1].verdict == KEEP and data.nominal is not None:
             return _about(data, "keep", 0, UNKNOWN_IMPROVEMENT, found)
         if not repeats_nominal:
@@ -95,19 +95,19 @@ def confirmed_candidates(data: StudyData) -> tuple[Candidate, ...]:
 
 
 def compared_trials(data: StudyData) -> list[tuple[str, int]]:
-    """Return name and ordinal of the trials that are shown side by side: nominal and the adopted one, else the best."""
-    compared = [("nominal", 0)] if any(one.ordinal == 0 for one in data.trials) else []
+    """Return name and number of the trials that are shown side by side: nominal and the adopted one, else the best."""
+    compared = [("nominal", 0)] if any(one.number == 0 for one in data.trials) else []
     verdict = study_verdict(data)
-    if verdict.kind == "adopt" and verdict.ordinal is not None:
-        compared.append(("recommended", verdict.ordinal))
-    elif data.best is not None and data.best.ordinal != 0:
-        compared.append(("best", data.best.ordinal))
+    if verdict.kind == "adopt" and verdict.number is not None:
+        compared.append(("recommended", verdict.number))
+    elif data.best is not None and data.best.number != 0:
+        compared.append(("best", data.best.number))
     return compared
 
 
 def _candidate(row: Mapping[str, Any]) -> Candidate:
     return Candidate(
-        ordinal=int(row["ordinal"]),
+        number=int(row["ordinal"]),
         improvement=_improvement(row),
         p_value=stored_number(row.get("adjusted_p_value")),
         is_adopted=row.get("verdict") == ADOPT,
@@ -124,23 +124,23 @@ def _improvement(row: Mapping[str, Any]) -> Improvement:
 def _about(
     data: StudyData,
     kind: VerdictKind,
-    ordinal: int,
+    number: int,
     found: Improvement = UNKNOWN_IMPROVEMENT,
     candidates: tuple[Candidate, ...] = (),
 ) -> Verdict:
-    points = {point.ordinal: point for point in study_points(data).points}
-    chosen = points.get(ordinal, TrialPoint(ordinal, "failed"))
+    points = {point.number: point for point in study_points(data).points}
+    chosen = points.get(number, TrialPoint(number, "failed"))
     nominal = points.get(0, TrialPoint(0, "failed"))
     names = [name for name in data.definition.space if name in chosen.options]
     return Verdict(
         kind=kind,
-        ordinal=ordinal,
+        number=number,
         changes=tuple(OptionChange(name, nominal.options.get(name), chosen.options[name]) for name in names),
         ratio=chosen.value / nominal.value if nominal.value else math.nan,
         improvement=found,
         ground_truth=1 - chosen.ground_truth / nominal.ground_truth if nominal.ground_truth else math.nan,
         collapsed=chosen.collapsed,
-        at_an_edge=options_at_an_edge(data.definition.space, chosen.options) if ordinal else (),
+        at_an_edge=options_at_an_edge(data.definition.space, chosen.options) if number else (),
         candidates=candidates,
     )
 

@@ -41,34 +41,34 @@ def save(database: Database, trial_id: int, validations: Sequence[Validation]) -
     write(database, work)
 
 
-def of_study(database: Database, study_id: int, ordinals: Collection[int] | None = None) -> dict[int, list[Validation]]:
-    """Return the side metrics of a study by the ordinal of the trial; trials without any are absent.
+def of_study(database: Database, study_id: int, numbers: Collection[int] | None = None) -> dict[int, list[Validation]]:
+    """Return the side metrics of a study by the number of the trial; trials without any are absent.
 
-    ``ordinals`` are the trials to look at, all where there are none given.
+    ``numbers`` are the trials to look at, all where there are none given.
     """
     query = (
-        select(models.Trial.ordinal, *columns_of(models.Validation, Validation))
+        select(models.Trial.number, *columns_of(models.Validation, Validation))
         .join(models.Trial, models.Trial.id == models.Validation.trial_id)
         .where(models.Trial.study_id == study_id)
-        .order_by(models.Trial.ordinal, models.Validation.sequence_name)
+        .order_by(models.Trial.number, models.Validation.sequence_name)
     )
-    if ordinals is not None:
-        query = query.where(models.Trial.ordinal.in_(ordinals))
+    if numbers is not None:
+        query = query.where(models.Trial.number.in_(numbers))
     found: dict[int, list[Validation]] = {}
-    for ordinal, *columns in read_rows(database, query):
-        found.setdefault(ordinal, []).append(Validation(*columns))
+    for number, *columns in read_rows(database, query):
+        found.setdefault(number, []).append(Validation(*columns))
     return found
 
 
 def values(database: Database, study_id: int) -> dict[int, dict[str, float | None]]:
-    """Return the side metric of each sequence by the ordinal of the trial, without its details; see `of_study`."""
+    """Return the side metric of each sequence by the number of the trial, without its details; see `of_study`."""
     query = (
-        select(models.Trial.ordinal, models.Validation.sequence_name, models.Validation.value)
+        select(models.Trial.number, models.Validation.sequence_name, models.Validation.value)
         .join(models.Trial, models.Trial.id == models.Validation.trial_id)
         .where(models.Trial.study_id == study_id)
-        .order_by(models.Trial.ordinal, models.Validation.sequence_name)
+        .order_by(models.Trial.number, models.Validation.sequence_name)
     )
     found: dict[int, dict[str, float | None]] = {}
-    for ordinal, name, value in read_rows(database, query):
-        found.setdefault(ordinal, {})[name] = value
+    for number, name, value in read_rows(database, query):
+        found.setdefault(number, {})[name] = value
     return found

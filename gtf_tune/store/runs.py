@@ -64,7 +64,7 @@ class TrialRun:
     """Hold one run of one trial."""
 
     trial_id: int
-    ordinal: int
+    number: int
     sequence_name: str
     reused: bool
     run: StoredRun
@@ -183,7 +183,7 @@ def of_trial(database: Database, trial_id: int) -> list[TrialRun]:
 
 
 def of_study(database: Database, study_id: int) -> list[TrialRun]:
-    """Return the runs of all trials of a study, by ordinal, sequence, kind and index."""
+    """Return the runs of all trials of a study, by number, sequence, kind and index."""
     return _linked(database, models.Trial.study_id == study_id)
 
 
@@ -209,11 +209,11 @@ def totals(database: Database, study_id: int) -> RunTotals:
 def _linked(database: Database, condition: Any) -> list[TrialRun]:
     link_, trial = models.TrialRun, models.Trial
     query = (
-        select(trial.id, trial.ordinal, link_.sequence_name, link_.reused, *columns_of(models.Run, StoredRun))
+        select(trial.id, trial.number, link_.sequence_name, link_.reused, *columns_of(models.Run, StoredRun))
         .join(link_, link_.trial_id == trial.id)
         .join(models.Run, models.Run.id == link_.run_id)
         .where(condition)
-        .order_by(trial.ordinal, link_.sequence_name, link_.kind, link_.index)
+        .order_by(trial.number, link_.sequence_name, link_.kind, link_.index)
     )
     return [TrialRun(row[0], row[1], row[2], row[3], StoredRun(*row[4:])) for row in read_rows(database, query)]
 

@@ -1,5 +1,6 @@
 """Add, find, list and delete studies."""
 
+import json
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -8,7 +9,8 @@ from typing import Any, Literal, cast
 from sqlalchemy import case, delete, func, or_, select, update
 from sqlalchemy.orm import Session
 
-from gtf_tune.errors import DeletedError, StorageError, did_you_mean
+from gtf_tune.definition import StudyDefinition, definition_from_dict
+from gtf_tune.errors import DefinitionError, DeletedError, StorageError, did_you_mean
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.rows import columns_of
 from gtf_tune.store.database.session import read, read_rows, write
@@ -153,6 +155,22 @@ def get(database: Database, name: str) -> Study:
     )
 
 
+def stored_definition(study: Study | StudySummary) -> StudyDefinition:
+    """Return the definition that is stored with a study.
+
+    Raises
+    ------
+    DefinitionError
+        The stored text is damaged, or a newer version wrote it.
+    """
+    source = f"study '{study.name}'"
+    try:
+        data = json.loads(study.definition)
+    except ValueError as error:
+        raise DefinitionError(f"{source}: its stored definition is damaged; see 'gtf-tune storage check'") from error
+    return definition_from_dict(data, source)
+
+
 def names(database: Database) -> list[str]:
     """Return the names of all studies, oldest first."""
     return read(database, lambda session: list(session.scalars(select(models.Study.name).order_by(models.Study.id))))
@@ -192,7 +210,7 @@ def summaries(database: Database, study_id: int | None = None) -> list[StudySumm
             func.count(case((trial.state == "pruned", 1))),
             func.count(case((trial.state == "failed", 1))),
             func.min(value),
-            func.min(case((trial.ordinal == 0, value))),
+            func.min(case((trial.number == 0, value))),
             func.coalesce(func.sum(trial.wall_s), 0.0),
             func.max(trial.finished_at),
             study.definition,
@@ -224,6 +242,28 @@ def state(database: Database, study_id: int) -> StudyState:
 def set_state(database: Database, study_id: int, state: StudyState) -> None:
     """Open, pause or close a study; workers look before every trial."""
     _set(database, study_id, state=state)
+
+
+def check_open(study: Study) -> None:
+    """Raise `StorageError` unless a study may be worked on; one that is done may, and ends at once.
+
+    Raises
+    ------
+    StorageError
+        The study is paused, stopped, or an unfinished copy.
+    """
+    check_whole(study)
+    if study.state not in ("open", "done"):
+        raise StorageError(f"study '{study.name}' is {study.state}; open it with 'gtf-tune study resume {study.name}'")
+
+
+def check_whole(study: Study) -> None:
+    """Raise `StorageError` for an unfinished copy of a study."""
+    if study.state == "copying":
+        raise StorageError(
+            f"study '{study.name}' is an unfinished copy; delete it with 'gtf-tune study delete {study.name}' and copy "
+            "it again"
+        )
 
 
 def close(database: Database, study: Study) -> bool:

@@ -1,7 +1,7 @@
-"""Hand out the slots of a study's budget, each to one live worker at a time.
+"""Hand out the trials of a study's budget, each to one live worker at a time.
 
-A slot is one trial of the budget. A worker owns it by a token that every later step compares, so that a worker that was
-cut off and came back cannot touch a slot that another one took over.
+A worker leases a trial and holds the token of that lease, which every later step compares: a worker that was cut off
+and came back cannot change a trial that another one has taken over.
 """
 
 import uuid
@@ -22,17 +22,18 @@ TrialState = Literal["claimed", "complete", "pruned", "failed"]
 
 
 @dataclass(frozen=True)
-class Slot:
-    """Hold the right of one worker to one slot of a study.
+class TrialLease:
+    """Right of one worker to work on one trial of a study.
 
-    ``optuna_trial_id`` and ``options`` are there where a former worker had asked Optuna already. ``attempts`` counts
-    the workers that had the slot, this one included.
+    ``number`` counts the trials of the study from 0, the nominal trial. ``optuna_trial_id`` and ``options`` are set
+    where an earlier worker has asked Optuna already. ``attempts`` counts the workers that have leased the trial, this
+    one included.
     """
 
     trial_id: int
     study_id: int
-    ordinal: int
-    claim: str
+    number: int
+    token: str
     attempts: int
     optuna_trial_id: int | None = None
     optuna_number: int | None = None
@@ -41,10 +42,10 @@ class Slot:
 
 @dataclass(frozen=True)
 class TrialResult:
-    """Hold how a trial ended.
+    """Outcome of a trial.
 
-    ``value`` is what Optuna is told, ``gtf_ate`` the score in its unit; both are None for a trial that failed.
-    ``coverage`` and ``collapsed_rate`` lie in [0, 1]. ``detail`` holds the matrices of each sequence.
+    ``value`` is what Optuna minimises, ``gtf_ate`` the score in its unit; both are None for a trial that failed.
+    ``coverage`` and ``collapsed_rate`` lie in [0, 1]. ``detail`` contains the matrices of each sequence.
     """
 
     state: Literal["complete", "pruned", "failed"]
@@ -63,59 +64,59 @@ class TrialResult:
     detail: Mapping[str, Any] = field(default_factory=dict)
 
 
-def claim_slot(database: Database, study_id: int, budget: int, worker: Worker) -> Slot | None:
-    """Claim the next unused slot of a study, or return None where there is none for now.
+def lease_trial(database: Database, study_id: int, budget: int, worker: Worker) -> TrialLease | None:
+    """Lease the next trial of a study that nobody has begun; return None where there is none for now.
 
-    There is none once all ``budget`` slots are handed out, nor while somebody works on slot 0: all others are measured
-    against the nominal trial.
+    There is none once all ``budget`` trials are handed out, nor while a worker holds trial 0: all others are compared
+    with the nominal trial.
     """
-    claim = uuid.uuid4().hex
+    token = uuid.uuid4().hex
 
-    def work(session: Session) -> Slot | None:
-        mine = _held(session, claim)
+    def work(session: Session) -> TrialLease | None:
+        mine = _held(session, token)
         if mine is not None:
             return mine
-        # Claims of one study wait for each other here, so that ordinals have no gaps and no worker overshoots.
+        # Workers of one study wait for each other here, so that numbers have no gaps and nobody exceeds the budget.
         session.execute(select(models.Study.id).where(models.Study.id == study_id).with_for_update(key_share=True))
-        ordinal, nominal_in_work = _next_ordinal(session, study_id)
-        free = ordinal < budget and not nominal_in_work
-        return _insert(session, study_id, ordinal, claim, worker) if free else None
+        number, nominal_in_work = _next_number(session, study_id)
+        free = number < budget and not nominal_in_work
+        return _insert(session, study_id, number, token, worker) if free else None
 
     return write(database, work)
 
 
-def _next_ordinal(session: Session, study_id: int) -> tuple[int, bool]:
-    """Return the first ordinal that nobody has taken, and whether the nominal trial is in work."""
+def _next_number(session: Session, study_id: int) -> tuple[int, bool]:
+    """Return the first number that nobody has taken, and whether the nominal trial is in work."""
     trial = models.Trial
-    last = select(func.max(trial.ordinal)).where(trial.study_id == study_id).scalar_subquery()
-    nominal = select(trial.state).where(trial.study_id == study_id, trial.ordinal == 0).scalar_subquery()
+    last = select(func.max(trial.number)).where(trial.study_id == study_id).scalar_subquery()
+    nominal = select(trial.state).where(trial.study_id == study_id, trial.number == 0).scalar_subquery()
     highest, state = session.execute(select(last, nominal)).one()
     return 0 if highest is None else highest + 1, state == "claimed"
 
 
-def _insert(session: Session, study_id: int, ordinal: int, claim: str, worker: Worker) -> Slot:
+def _insert(session: Session, study_id: int, number: int, token: str, worker: Worker) -> TrialLease:
     results = {**vars(TrialResult("failed")), "state": "claimed", "started_at": DatabaseClock()}
-    row = models.Trial(study_id=study_id, ordinal=ordinal, attempts=1, **results, **_owned(claim, worker))
+    row = models.Trial(study_id=study_id, number=number, attempts=1, **results, **_leased(token, worker))
     session.add(row)
     session.flush()
-    return Slot(row.id, study_id, ordinal, claim, attempts=1)
+    return TrialLease(row.id, study_id, number, token, attempts=1)
 
 
-def adopt_stale(database: Database, study_id: int, worker: Worker, grace_s: float) -> Slot | None:
-    """Take over the first slot whose worker is gone, or return None where there is no such slot.
+def adopt_stale(database: Database, study_id: int, worker: Worker, grace_s: float) -> TrialLease | None:
+    """Lease the first trial whose worker is gone; return None where there is no such trial.
 
-    A worker is gone when it released the slot, when its process on this machine ended, or when its heartbeat is more
-    than ``grace_s`` seconds away by the database's clock.
+    A worker is gone when it released the trial, when its process on this machine ended, or when its last heartbeat is
+    more than ``grace_s`` seconds away by the database's clock.
     """
-    claim = uuid.uuid4().hex
+    token = uuid.uuid4().hex
 
-    def work(session: Session) -> Slot | None:
+    def work(session: Session) -> TrialLease | None:
         for trial_id, held_by in _stale(session, study_id, grace_s):
-            unchanged = models.Trial.claim.is_not_distinct_from(held_by)
-            values = {**_owned(claim, worker), "attempts": models.Trial.attempts + 1}
+            unchanged = models.Trial.lease.is_not_distinct_from(held_by)
+            values = {**_leased(token, worker), "attempts": models.Trial.attempts + 1}
             if _update(session, trial_id, unchanged, values):
                 break
-        return _held(session, claim)
+        return _held(session, token)
 
     return write(database, work)
 
@@ -123,55 +124,56 @@ def adopt_stale(database: Database, study_id: int, worker: Worker, grace_s: floa
 def _stale(session: Session, study_id: int, grace_s: float) -> list[tuple[int, str | None]]:
     trial = models.Trial
     # A heartbeat from the future is as stale as an old one: the database's clock was set back after its worker died.
-    silent = or_(trial.claim.is_(None), func.abs(DatabaseClock() - trial.heartbeat_at) > grace_s)
+    silent = or_(trial.lease.is_(None), func.abs(DatabaseClock() - trial.heartbeat_at) > grace_s)
     query = (
-        select(trial.id, trial.claim, silent, trial.owner, trial.host, trial.machine, trial.pid, trial.pid_started)
+        select(trial.id, trial.lease, silent, trial.owner, trial.host, trial.machine, trial.pid, trial.pid_started)
         .where(trial.study_id == study_id, trial.state == "claimed")
-        .order_by(trial.ordinal)
+        .order_by(trial.number)
     )
     return [(row[0], row[1]) for row in session.execute(query) if row[2] or has_died(Worker(*row[3:]))]
 
 
-def beat(database: Database, slot: Slot) -> bool:
-    """Record that the worker lives; return False where the slot is no longer its own."""
-    return _change(database, slot, {"heartbeat_at": DatabaseClock()})
+def renew(database: Database, lease: TrialLease) -> bool:
+    """Record that the worker is alive; return False where another one has taken the trial over."""
+    return _change(database, lease, {"heartbeat_at": DatabaseClock()})
 
 
 def attach_optuna_trial(
-    database: Database, slot: Slot, trial_id: int, number: int, options: Mapping[str, OptionValue]
+    database: Database, lease: TrialLease, trial_id: int, number: int, options: Mapping[str, OptionValue]
 ) -> bool:
-    """Note which Optuna trial and options the slot works on; return False where the slot is no longer the worker's."""
-    return _change(database, slot, {"optuna_trial_id": trial_id, "optuna_number": number, "options": dict(options)})
+    """Store the Optuna trial and the options of a leased trial; return False where the lease is lost."""
+    return _change(database, lease, {"optuna_trial_id": trial_id, "optuna_number": number, "options": dict(options)})
 
 
-def release(database: Database, slot: Slot) -> bool:
-    """Give an unfinished slot back, with its Optuna trial, to whoever adopts it first."""
-    return _change(database, slot, {"claim": None, "heartbeat_at": None})
+def release(database: Database, lease: TrialLease) -> bool:
+    """Give an unfinished trial back, with its Optuna trial, to the first worker that adopts it."""
+    return _change(database, lease, {"lease": None, "heartbeat_at": None})
 
 
-def finish(database: Database, slot: Slot, result: TrialResult) -> bool:
-    """Store the result of a slot; return False, and store nothing, where the slot is no longer the worker's."""
+def finish(database: Database, lease: TrialLease, result: TrialResult) -> bool:
+    """Store the result of a leased trial; return False, and store nothing, where the lease is lost."""
 
     def work(session: Session) -> bool:
         values = {**vars(result), "detail": dict(result.detail), "finished_at": DatabaseClock()}
-        return _update(session, slot.trial_id, models.Trial.claim == slot.claim, values) or _finished(session, slot)
+        return _update(session, lease.trial_id, models.Trial.lease == lease.token, values) or _finished(session, lease)
 
     return write(database, work)
 
 
-def _finished(session: Session, slot: Slot) -> bool:
-    """Tell whether this very claim finished the slot: the answer to an earlier commit may have been lost."""
-    query = select(models.Trial.claim).where(models.Trial.id == slot.trial_id, models.Trial.state != "claimed")
-    return session.scalar(query) == slot.claim
+def _finished(session: Session, lease: TrialLease) -> bool:
+    """Return True if this very lease finished the trial: the answer to an earlier commit may have been lost."""
+    query = select(models.Trial.lease).where(models.Trial.id == lease.trial_id, models.Trial.state != "claimed")
+    return session.scalar(query) == lease.token
 
 
-def owns(database: Database, slot: Slot) -> bool:
-    """Tell whether the slot is still the worker's."""
-    return read(database, lambda session: _held(session, slot.claim)) is not None
+def is_held(database: Database, lease: TrialLease) -> bool:
+    """Return True if the worker still holds the lease."""
+    return read(database, lambda session: _held(session, lease.token)) is not None
 
 
-def _change(database: Database, slot: Slot, values: Mapping[str, Any]) -> bool:
-    return write(database, lambda session: _update(session, slot.trial_id, models.Trial.claim == slot.claim, values))
+def _change(database: Database, lease: TrialLease, values: Mapping[str, Any]) -> bool:
+    unchanged = models.Trial.lease == lease.token
+    return write(database, lambda session: _update(session, lease.trial_id, unchanged, values))
 
 
 def _update(session: Session, trial_id: int, condition: ColumnElement[bool], values: Mapping[str, Any]) -> bool:
@@ -184,25 +186,25 @@ def _update(session: Session, trial_id: int, condition: ColumnElement[bool], val
     return session.scalar(statement) is not None
 
 
-def _held(session: Session, claim: str) -> Slot | None:
+def _held(session: Session, token: str) -> TrialLease | None:
     trial = models.Trial
     query = select(
         trial.id,
         trial.study_id,
-        trial.ordinal,
-        trial.claim,
+        trial.number,
+        trial.lease,
         trial.attempts,
         trial.optuna_trial_id,
         trial.optuna_number,
         trial.options,
-    ).where(trial.claim == claim, trial.state == "claimed")
+    ).where(trial.lease == token, trial.state == "claimed")
     row = session.execute(query).one_or_none()
-    return None if row is None else Slot(*row)
+    return None if row is None else TrialLease(*row)
 
 
-def _owned(claim: str, worker: Worker) -> dict[str, Any]:
+def _leased(token: str, worker: Worker) -> dict[str, Any]:
     return {
-        "claim": claim,
+        "lease": token,
         "owner": worker.name,
         "host": worker.host,
         "machine": worker.machine,

@@ -18,15 +18,15 @@ _OPTUNA_TRIALS = table("trials", column("trial_id"), column("state"))
 
 @dataclass(frozen=True)
 class Trial:
-    """Hold a stored trial without its matrices; numbers are None until it is complete.
+    """Stored trial without its matrices; what is measured is None until it is complete.
 
-    ``ordinal`` counts the slots of the study from 0, the nominal trial; ``optuna_number`` is Optuna's number. Times are
-    in seconds since 1970 UTC by the database's clock.
+    ``number`` counts the trials of the study from 0, the nominal trial; ``optuna_number`` is Optuna's. Times are in
+    seconds since 1970 UTC by the database's clock.
     """
 
     id: int
     study_id: int
-    ordinal: int
+    number: int
     optuna_trial_id: int | None
     optuna_number: int | None
     state: TrialState
@@ -50,10 +50,14 @@ class Trial:
     finished_at: float | None
     message: str
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return the fields by the names that are stored and printed, where the number is called ``ordinal``."""
+        return {"ordinal" if name == "number" else name: value for name, value in vars(self).items()}
+
 
 @dataclass(frozen=True)
 class Effort:
-    """Hold how many trials of a study ended in one way with one number of runs."""
+    """Count of the trials of a study that ended in one way with one number of runs."""
 
     state: TrialState
     feasible: bool | None
@@ -63,27 +67,27 @@ class Effort:
 
 
 def of_study(database: Database, study_id: int) -> list[Trial]:
-    """Return all trials of a study by ordinal."""
-    return _read(database, _of(study_id).order_by(models.Trial.ordinal))
+    """Return all trials of a study by number."""
+    return _read(database, _of(study_id).order_by(models.Trial.number))
 
 
-def get(database: Database, study_id: int, ordinal: int) -> Trial:
-    """Return the trial in one slot of a study.
+def get(database: Database, study_id: int, number: int) -> Trial:
+    """Return the trial of this number.
 
     Raises
     ------
     StorageError
-        Nobody has taken that slot yet.
+        No worker has begun it yet.
     """
-    found = _read(database, _of(study_id).where(models.Trial.ordinal == ordinal))
+    found = _read(database, _of(study_id).where(models.Trial.number == number))
     if not found:
-        raise StorageError(f"the study has no trial {ordinal} in {database.shown_url}; see 'gtf-tune study show'")
+        raise StorageError(f"the study has no trial {number} in {database.shown_url}; see 'gtf-tune study show'")
     return found[0]
 
 
 def nominal(database: Database, study_id: int) -> Trial | None:
-    """Return trial 0, or None before anybody has taken it."""
-    found = _read(database, _of(study_id).where(models.Trial.ordinal == 0))
+    """Return trial 0, or None before a worker has begun it."""
+    found = _read(database, _of(study_id).where(models.Trial.number == 0))
     return found[0] if found else None
 
 
@@ -95,7 +99,7 @@ def ranked(database: Database, study_id: int, limit: int) -> list[Trial]:
         case((trial.state == "complete", 0), else_=1),
         case((trial.value.is_(None), 1), else_=0),
         trial.value,
-        trial.ordinal,
+        trial.number,
     )
     return _read(database, _of(study_id).order_by(*order).limit(limit))
 
@@ -112,19 +116,19 @@ def option_names(database: Database, study_id: int) -> list[str]:
     """Return the names of the searched options, in the order of the first trial that has any."""
     trial = models.Trial
     query = select(trial.options).where(trial.study_id == study_id, trial.options.is_not(None))
-    return next((list(row[0]) for row in read_rows(database, query.order_by(trial.ordinal).limit(1))), [])
+    return next((list(row[0]) for row in read_rows(database, query.order_by(trial.number).limit(1))), [])
 
 
 def best(database: Database, study_id: int, before: int | None = None) -> Trial | None:
     """Return the feasible complete trial of the smallest value, the first of equals, or None before there is one.
 
-    ``before`` leaves out the trials from that ordinal on.
+    ``before`` leaves out the trials from that number on.
     """
     trial = models.Trial
     query = _of(study_id).where(trial.state == "complete", trial.feasible.is_(True), trial.value.is_not(None))
     if before is not None:
-        query = query.where(trial.ordinal < before)
-    found = _read(database, query.order_by(trial.value, trial.ordinal).limit(1))
+        query = query.where(trial.number < before)
+    found = _read(database, query.order_by(trial.value, trial.number).limit(1))
     return found[0] if found else None
 
 
@@ -138,17 +142,17 @@ def details(database: Database, trial_ids: list[int]) -> dict[int, Mapping[str, 
     }
 
 
-def version_mismatches(database: Database, study_id: int, ordinals: Collection[int] | None = None) -> dict[int, str]:
-    """Return how the pipeline that made a trial differs from the one that its study began with, by ordinal.
+def version_mismatches(database: Database, study_id: int, numbers: Collection[int] | None = None) -> dict[int, str]:
+    """Return how the pipeline that made a trial differs from the one that its study began with, by number.
 
-    Trials of the same version are absent. ``ordinals`` are the trials to look at, all where there are none given.
+    Trials of the same version are absent. ``numbers`` are the trials to look at, all where there are none given.
     """
     trial = models.Trial
     noted = type_coerce(trial.detail, Text).contains('"version_mismatch":', autoescape=True)
-    query = select(trial.ordinal, trial.detail).where(trial.study_id == study_id, noted)
-    if ordinals is not None:
-        query = query.where(trial.ordinal.in_(ordinals))
-    return {ordinal: detail["version_mismatch"] for ordinal, detail in read_rows(database, query)}
+    query = select(trial.number, trial.detail).where(trial.study_id == study_id, noted)
+    if numbers is not None:
+        query = query.where(trial.number.in_(numbers))
+    return {number: detail["version_mismatch"] for number, detail in read_rows(database, query)}
 
 
 def counts(database: Database, study_id: int) -> dict[TrialState, int]:

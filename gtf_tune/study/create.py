@@ -1,4 +1,4 @@
-"""Create a study in a database, and open a stored one."""
+"""Create a study in a database."""
 
 import contextlib
 import warnings
@@ -12,19 +12,16 @@ from optuna.exceptions import ExperimentalWarning
 from pydantic import TypeAdapter, ValidationError
 
 from gtf_tune.definition import Axis, StudyDefinition, definition_from_dict, dump_definition
-from gtf_tune.errors import DefinitionError, GtfTuneError, SequenceError, StorageError
+from gtf_tune.errors import GtfTuneError, SequenceError, StorageError
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
-from gtf_tune.study.open_study import OpenStudy, check_fingerprint, load_defined_sequence, make_pipeline
-from gtf_tune.study.places import folders_of
-from gtf_tune.study.search.samplers import check_search, make_pruner, make_sampler
+from gtf_tune.study.open_study import load_defined_sequence, make_pipeline
+from gtf_tune.study.search.samplers import check_search
 from gtf_tune.study.search.space import build_space, space_faults
-from gtf_tune.study.states import check_whole
-from gtf_tune.study.stored import stored_definition
 from gtf_tune.version import __version__
 
 METRIC_NAME = "GTF ATE"
@@ -74,56 +71,6 @@ def create_study(database: Database, definition: StudyDefinition, root: Path) ->
     return studies.add(database, new)
 
 
-def open_study(
-    database: Database, name: str, places: Mapping[str, Path] | None = None, *, allow_version_mismatch: bool = False
-) -> OpenStudy:
-    """Return a stored study, ready for work on this machine.
-
-    ``places`` gives the folders of sequences that lie elsewhere here than where the study was created.
-
-    Raises
-    ------
-    GtfTuneError
-        The study does not exist or is an unfinished copy, its images are missing or differ, or the pipeline has another
-        version here.
-    """
-    record = studies.get(database, name)
-    check_whole(record)
-    definition = stored_definition(record)
-    pipeline = make_pipeline(definition)
-    mismatch = _version_mismatch(record, pipeline.name, pipeline.version)
-    if mismatch and not allow_version_mismatch:
-        raise DefinitionError(
-            f"study '{record.name}' {mismatch}; install that version, or accept mixed results with "
-            "--allow-version-mismatch"
-        )
-    expected = {one.name: one.fingerprint for one in studies.sequences(database, record.id)}
-    folders = folders_of(definition, Path(record.root), places or {})
-    sequences: dict[str, Sequence] = {}
-    for one in definition.searched_sequences:
-        sequence = load_defined_sequence(one, Path(record.root), folders[one.name])
-        check_fingerprint(sequence, expected[one.name])
-        sequences[one.name] = sequence
-    space = build_space(definition, pipeline.options)
-    optuna_study = optuna.load_study(
-        study_name=name,
-        storage=optuna_storage(database),
-        sampler=make_sampler(definition.search, 0, space),
-        pruner=make_pruner(definition.search),
-    )
-    return OpenStudy(
-        database=database,
-        record=record,
-        definition=definition,
-        pipeline=pipeline,
-        space=space,
-        sequences=sequences,
-        sigmas={str(key): float(value) for key, value in record.resolved["noise_sigma"].items()},
-        optuna_study=optuna_study,
-        mismatch=mismatch,
-    )
-
-
 def refuse_taken_name(database: Database, name: str) -> None:
     """Raise `StorageError` if the database has a study of this name."""
     if name in studies.names(database):
@@ -131,7 +78,7 @@ def refuse_taken_name(database: Database, name: str) -> None:
 
 
 def _refuse_same_images(sequences: Iterable[Sequence]) -> None:
-    """Raise `SequenceError` for two sequences of the same pixels: they are no two witnesses, nor is one held out."""
+    """Raise `SequenceError` for two sequences of the same pixels: they are not independent, and neither is held out."""
     names: dict[str, str] = {}
     for one in sequences:
         other = names.setdefault(one.fingerprint, one.name)
@@ -172,7 +119,7 @@ def _option_faults(data: Mapping[str, Any]) -> list[str]:
         return [str(error)]
     faults: list[str] = []
     for name, value in _mapping(section.get("options")).items():
-        if isinstance(value, Mapping | list):  # a fault of the shape, which is told of already
+        if isinstance(value, Mapping | list):  # a fault of the shape, which is reported already
             continue
         try:
             table.check({name: value})
@@ -214,10 +161,3 @@ def _row(path: str, sequence: Sequence) -> StudySequence:
         camera=f"{camera.model} {' '.join(repr(value) for value in camera.params)}" if camera else "unknown",
         has_ground_truth=sequence.ground_truth is not None,
     )
-
-
-def _version_mismatch(record: Study, pipeline: str, version: str) -> str:
-    began_with = record.resolved["versions"].get(pipeline)
-    if began_with == version:
-        return ""
-    return f"began with {pipeline} {began_with}, but {version} is installed here"

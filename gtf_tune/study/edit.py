@@ -15,11 +15,9 @@ from gtf_tune.definition import Axis, RangeAxis, StudyDefinition, dump_definitio
 from gtf_tune.errors import DefinitionError
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
-from gtf_tune.store.studies import Study
+from gtf_tune.store.studies import Study, stored_definition
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.open_study import defined_budget, make_pipeline
-from gtf_tune.study.states import check_whole
-from gtf_tune.study.stored import stored_definition
 
 # Optuna's gp and qmc go by the ranges of the first trials: the one then draws at random, the other stays inside them.
 _WIDENABLE = ("refine", "tpe", "random")
@@ -55,7 +53,7 @@ def extend_study(database: Database, name: str, extension: Extension) -> Study:
         There is no such study, or it is an unfinished copy.
     """
     study = studies.get(database, name)
-    check_whole(study)
+    studies.check_whole(study)
     definition = stored_definition(study)
     _refuse(definition, extension)
     extended = checked_definition(_changed(definition, extension), f"study '{name}'")

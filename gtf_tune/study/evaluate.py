@@ -76,7 +76,7 @@ def evaluate_setting(
         sigma, reason = probe.choose(sequence, fresh_runs(executor, limits))
         on_run(f"noise of {sequence.name}: {sigma:g} grey levels ({reason})")
     futures = {
-        run: executor.submit(planner.request(sequence, setting.options, run, sigma=sigma, ordinal=0), limits)
+        run: executor.submit(planner.request(sequence, setting.options, run, sigma=sigma, number=0), limits)
         for run in order
     }
     finished: dict[tuple[str, int], FinishedRun] = {}

@@ -7,21 +7,22 @@ from pathlib import Path
 import optuna
 
 from gtf_tune.definition import DEFAULT_TRIALS, SequenceDefinition, StudyDefinition
-from gtf_tune.errors import SequenceError
+from gtf_tune.errors import DefinitionError, SequenceError
 from gtf_tune.pipelines import Pipeline, create_pipeline
 from gtf_tune.sequence import FEWEST_FRAMES, Camera, Selection, Sequence, load_sequence
-from gtf_tune.store import trials
+from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
-from gtf_tune.store.studies import Study
+from gtf_tune.store.optuna.tables import optuna_storage
+from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.study.runs.plan import RunPlanner
 from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.search.samplers import make_pruner, make_sampler
 from gtf_tune.study.search.space import SearchSpace, build_space
-from gtf_tune.study.stored import stored_definition
 
 
 @dataclass(frozen=True, eq=False)
 class OpenStudy:
-    """Hold a study that can be worked on here.
+    """Study that can be worked on here.
 
     ``sequences`` are those that the search sees, by name; ``sigmas`` their noise in grey levels. ``mismatch`` says how
     the pipeline's version here differs from the one that the study began with, where that was allowed.
@@ -47,6 +48,69 @@ class OpenStudy:
     def budget(self) -> int:
         """Return the number of trials, nominal included."""
         return trial_budget(self.definition, self.space)
+
+
+def open_study(
+    database: Database, name: str, places: Mapping[str, Path] | None = None, *, allow_version_mismatch: bool = False
+) -> OpenStudy:
+    """Return a stored study, ready for work on this machine.
+
+    ``places`` gives the folders of sequences that lie elsewhere here than where the study was created.
+
+    Raises
+    ------
+    GtfTuneError
+        The study does not exist or is an unfinished copy, its images are missing or differ, or the pipeline has another
+        version here.
+    """
+    record = studies.get(database, name)
+    studies.check_whole(record)
+    definition = stored_definition(record)
+    pipeline = make_pipeline(definition)
+    mismatch = _version_mismatch(record, pipeline.name, pipeline.version)
+    if mismatch and not allow_version_mismatch:
+        raise DefinitionError(
+            f"study '{record.name}' {mismatch}; install that version, or accept mixed results with "
+            "--allow-version-mismatch"
+        )
+    space = build_space(definition, pipeline.options)
+    optuna_study = optuna.load_study(
+        study_name=name,
+        storage=optuna_storage(database),
+        sampler=make_sampler(definition.search, 0, space),
+        pruner=make_pruner(definition.search),
+    )
+    return OpenStudy(
+        database=database,
+        record=record,
+        definition=definition,
+        pipeline=pipeline,
+        space=space,
+        sequences=_searched_sequences(database, record, definition, places or {}),
+        sigmas={str(key): float(value) for key, value in record.resolved["noise_sigma"].items()},
+        optuna_study=optuna_study,
+        mismatch=mismatch,
+    )
+
+
+def _searched_sequences(
+    database: Database, study: Study, definition: StudyDefinition, places: Mapping[str, Path]
+) -> dict[str, Sequence]:
+    expected = {sequence.name: sequence.fingerprint for sequence in studies.sequences(database, study.id)}
+    root = Path(study.root)
+    folders = folders_of(definition, root, places)
+    found = {}
+    for defined in definition.searched_sequences:
+        found[defined.name] = load_defined_sequence(defined, root, folders[defined.name])
+        check_fingerprint(found[defined.name], expected[defined.name])
+    return found
+
+
+def _version_mismatch(record: Study, pipeline: str, version: str) -> str:
+    began_with = record.resolved["versions"].get(pipeline)
+    if began_with == version:
+        return ""
+    return f"began with {pipeline} {began_with}, but {version} is installed here"
 
 
 def trial_budget(definition: StudyDefinition, space: SearchSpace) -> int:
@@ -105,3 +169,71 @@ def check_fingerprint(sequence: Sequence, expected: str) -> None:
 def make_pipeline(definition: StudyDefinition) -> Pipeline:
     """Return the pipeline that a definition names."""
     return create_pipeline(definition.pipeline.name, definition.pipeline.settings)
+
+
+@dataclass(frozen=True)
+class SequencePlaces:
+    """Where sequences lie here: named ones in ``named``, others below ``data_root`` or where the study began.
+
+    Whatever is found is compared with the study's fingerprint before anything runs on it.
+    """
+
+    named: Mapping[str, Path] = field(default_factory=dict)
+    data_root: Path | None = None
+
+    def of(self, sequences: list[StudySequence]) -> dict[str, Path]:
+        """Return the places of those sequences that do not lie where their study says.
+
+        Raises
+        ------
+        SequenceError
+            A data root is given and a sequence is neither below it nor named.
+        """
+        found = {one.name: self.named[one.name] for one in sequences if one.name in self.named}
+        if self.data_root is None:
+            return found
+        return found | {one.name: _below(self.data_root, one) for one in sequences if one.name not in found}
+
+
+def folders_of(definition: StudyDefinition, root: Path, named: Mapping[str, Path]) -> dict[str, Path]:
+    """Return where the searched sequences lie: where ``named`` says, otherwise where the study says.
+
+    Raises
+    ------
+    SequenceError
+        ``named`` has a name that no sequence has, or a sequence does not lie where the study says.
+    """
+    names = [one.name for one in definition.sequences]
+    for name in named:
+        if name not in names:
+            raise SequenceError(f"--sequence {name}=PATH: study '{definition.name}' has only {', '.join(names)}")
+    return {one.name: folder_of(one, root, named) for one in definition.searched_sequences}
+
+
+def folder_of(sequence: SequenceDefinition, root: Path, named: Mapping[str, Path]) -> Path:
+    """Return where one sequence of a study lies: where ``named`` says, otherwise where the study says.
+
+    Raises
+    ------
+    SequenceError
+        It does not lie where the study says.
+    """
+    if sequence.name in named:
+        return named[sequence.name]
+    folder = root / sequence.path
+    if not folder.exists():
+        raise SequenceError(
+            f"sequence '{sequence.name}' is not at {folder} on this machine; give its place with --sequence "
+            f"{sequence.name}=PATH"
+        )
+    return folder
+
+
+def _below(root: Path, sequence: StudySequence) -> Path:
+    for place in (root / sequence.name, root / Path(sequence.path).name):
+        if place.exists():
+            return place
+    raise SequenceError(
+        f"sequence '{sequence.name}' is not in {root}; put it there under its name, or give its place with "
+        f"--sequence {sequence.name}=PATH"
+    )

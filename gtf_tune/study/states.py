@@ -1,4 +1,4 @@
-"""Pause, stop and reopen a study; workers everywhere heed it."""
+"""Pause, stop and reopen a study; its workers look at the state before every trial and with every heartbeat."""
 
 from gtf_tune.errors import StorageError
 from gtf_tune.store import studies
@@ -25,32 +25,10 @@ def reopen_study(database: Database, name: str) -> Study:
         There is no such study, or it is an unfinished copy.
     """
     study = studies.get(database, name)
-    check_whole(study)
+    studies.check_whole(study)
     if study.state != "open":
         studies.set_state(database, study.id, "open")
     return studies.get(database, name)
-
-
-def check_open(study: Study) -> None:
-    """Raise `StorageError` unless a study may be worked on; one that is done may, and is at once.
-
-    Raises
-    ------
-    StorageError
-        The study is paused, stopped, or an unfinished copy.
-    """
-    check_whole(study)
-    if study.state not in ("open", "done"):
-        raise StorageError(f"study '{study.name}' is {study.state}; open it with 'gtf-tune study resume {study.name}'")
-
-
-def check_whole(study: Study) -> None:
-    """Raise `StorageError` for an unfinished copy of a study."""
-    if study.state == "copying":
-        raise StorageError(
-            f"study '{study.name}' is an unfinished copy; delete it with 'gtf-tune study delete {study.name}' and copy "
-            "it again"
-        )
 
 
 def _close(database: Database, name: str, state: studies.StudyState) -> None:

@@ -78,18 +78,18 @@ def test_trials_of_another_version_say_so_and_a_pick_among_them_is_warned_of(
 def test_a_pick_of_the_version_of_nominal_is_not_warned_of(cli: Cli, room: Path, tmp_path: Path) -> None:
     cli(*CREATE, *AXIS)
     cli("study", "run", "small", "-j", "1")
-    for ordinal in range(3):
-        _note_version(tmp_path, ordinal)
+    for number in range(3):
+        _note_version(tmp_path, number)
 
     assert "different versions" not in cli("study", "best", "small").err
 
 
-def _note_version(folder: Path, ordinal: int) -> None:
+def _note_version(folder: Path, number: int) -> None:
     with contextlib.closing(sqlite3.connect(folder / "gtf-tune.db", isolation_level=None)) as database:
         database.execute(
             "UPDATE gtf_trial SET detail = json_set(detail, '$.version_mismatch', "
             "'began with analytic 0, but 1 is installed here') WHERE ordinal = ?",
-            (ordinal,),
+            (number,),
         )
 
 

@@ -17,7 +17,8 @@ from gtf_tune.execution.dask.worker import DATA_ROOT_VARIABLE, checked_here  # n
 from gtf_tune.sequence import load_sequence  # noqa: E402
 from gtf_tune.store.database import create_database  # noqa: E402
 from gtf_tune.store.maintenance.digest import study_digest  # noqa: E402
-from gtf_tune.study.create import checked_definition, create_study, open_study  # noqa: E402
+from gtf_tune.study.create import checked_definition, create_study  # noqa: E402
+from gtf_tune.study.open_study import open_study  # noqa: E402
 from gtf_tune.study.work.worker import StudyWorker  # noqa: E402
 from tests.execution.doubles import Hanging, LosesItsHost, analytic, request_of  # noqa: E402
 from tests.execution.executor_contract import LIMITS, WAIT_S, ExecutorContract  # noqa: E402

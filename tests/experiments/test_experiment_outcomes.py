@@ -35,7 +35,7 @@ FOUND = {name: Path(name) for name in ("room", "dtu-scan24", "fountain-P11", "hu
 
 
 def setting(
-    ordinal: int,
+    number: int,
     true_ate: float,
     collapsed: int = 0,
     *,
@@ -44,11 +44,11 @@ def setting(
     noisy_true_ates: Sequence[float] | None = None,
 ) -> Setting:
     """Return a setting whose score follows its true error, except where runs collapsed."""
-    matrix = 1e-3 * true_ate * np.exp(0.1 * np.random.default_rng(ordinal).standard_normal((2, runs)))
+    matrix = 1e-3 * true_ate * np.exp(0.1 * np.random.default_rng(number).standard_normal((2, runs)))
     matrix[:, :collapsed] *= 300
     return Setting(
-        ordinal=ordinal,
-        value=float(ordinal + 1),
+        number=number,
+        value=float(number + 1),
         feasible=feasible,
         coverage=1.0 if feasible else 0.5,
         true_ate=true_ate,
@@ -59,7 +59,7 @@ def setting(
         noisy_noisy=2e-3 * true_ate,
         dispersion=1e-3 * true_ate,
         paired=true_ate,
-        reprojection_px=1.0 / (ordinal + 1),
+        reprojection_px=1.0 / (number + 1),
     )
 
 
@@ -70,14 +70,14 @@ def outcome(*settings: Setting, adopted: Setting | None = None, verdict: str = "
 def test_one_collapsed_run_misleads_the_mean_but_not_the_median() -> None:
     found = outcome(setting(0, 1.0), setting(1, 0.5, collapsed=1), setting(2, 2.0))
 
-    assert found.agreement(PREDICTORS["mean"]).pick.ordinal == 0
-    assert found.agreement(PREDICTORS["median"]).pick.ordinal == 1
+    assert found.agreement(PREDICTORS["mean"]).pick.number == 0
+    assert found.agreement(PREDICTORS["median"]).pick.number == 1
 
 
 def test_infeasible_settings_are_neither_picked_nor_the_oracle() -> None:
     found = outcome(setting(0, 1.0), setting(1, 0.1, feasible=False), setting(2, 0.8))
 
-    assert found.oracle.ordinal == 2
+    assert found.oracle.number == 2
     assert found.change(found.oracle) == pytest.approx(-0.2)
 
 
@@ -201,8 +201,8 @@ def test_the_trap_table_says_which_settings_are_infeasible() -> None:
 def test_noisy_runs_are_useless_only_where_pairs_prefer_the_pick(oracle: tuple[float, ...], told: str) -> None:
     pick = (0.0, 0.0, 0.1, 0.2, 1.0, 1.0)
     settings = [
-        replace(setting(ordinal, true_ate), matrix=np.exp(np.tile(logs, (2, 1))))
-        for ordinal, (true_ate, logs) in enumerate([(1.0, [2.0] * 6), (0.9, pick), (0.5, oracle)])
+        replace(setting(number, true_ate), matrix=np.exp(np.tile(logs, (2, 1))))
+        for number, (true_ate, logs) in enumerate([(1.0, [2.0] * 6), (0.9, pick), (0.5, oracle)])
     ]
 
     ((*_, needed),) = shortfall_table([outcome(*settings)])[1]
@@ -230,7 +230,7 @@ def test_picks_are_judged_on_the_half_of_the_noisy_runs_that_did_not_choose() ->
     lucky = setting(1, 0.9, noisy_true_ates=[0.2] + 7 * [2.0])
     steady = setting(2, 0.95, noisy_true_ates=8 * [0.5])
 
-    found = on_unseen(outcome(nominal, lucky, steady), lambda one, *_: -one.ordinal)
+    found = on_unseen(outcome(nominal, lucky, steady), lambda one, *_: -one.number)
 
     assert found is not None
     assert found.by_score == pytest.approx(-0.5)
@@ -241,8 +241,8 @@ def test_picks_are_judged_on_the_half_of_the_noisy_runs_that_did_not_choose() ->
 def test_a_pick_by_runs_that_say_nothing_of_the_others_reaches_little_of_what_hindsight_does() -> None:
     generator = np.random.default_rng(0)
     settings = [
-        replace(setting(ordinal, 1.0, noisy_true_ates=errors), matrix=np.tile(errors, (2, 1)))
-        for ordinal, errors in enumerate(generator.uniform(0.5, 1.5, (7, 8)))
+        replace(setting(number, 1.0, noisy_true_ates=errors), matrix=np.tile(errors, (2, 1)))
+        for number, errors in enumerate(generator.uniform(0.5, 1.5, (7, 8)))
     ]
 
     share, grids = share_on_unseen([outcome(*settings)], SCORERS["median"])
@@ -301,7 +301,7 @@ def test_outcomes_read_back_from_the_results_are_the_same(tmp_path: Path, monkey
     found = outcome_from(stored_results(tmp_path / "results.json")[HUBER.study], HUBER)
 
     assert found.adopted is not None
-    assert found.adopted.ordinal == 1
+    assert found.adopted.number == 1
     assert [one.true_ate for one in found.settings] == [1.0, 0.5, 0.2]
     assert np.array_equal(found.settings[1].matrix, settings[1].matrix)
     assert [one.feasible for one in found.settings] == [True, True, False]
@@ -310,7 +310,7 @@ def test_outcomes_read_back_from_the_results_are_the_same(tmp_path: Path, monkey
 
 def test_the_share_under_weaker_noise_is_over_the_grids_that_have_both() -> None:
     settings = (setting(0, 1.0), setting(1, 0.5), setting(2, 0.8))
-    misled = tuple(replace(one, matrix=one.matrix * (10 if one.ordinal == 1 else 1)) for one in settings)
+    misled = tuple(replace(one, matrix=one.matrix * (10 if one.number == 1 else 1)) for one in settings)
     usual, alone = Outcome(HUBER, misled, None, "unconfirmed"), Outcome(HUBER, settings, None, "unconfirmed")
     weaker = replace(alone, experiment=replace(HUBER, sigma=0.5))
     elsewhere = replace(alone, experiment=replace(HUBER, sequence="hut"))

@@ -23,7 +23,7 @@ from gtf_tune.store.database import Database, create_database, open_database, wa
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.runs.stop import StopRequest, signals_to
-from gtf_tune.study.work.server import ServingRules, StudyServer
+from gtf_tune.study.work.server import WorkerLoop, WorkerRules
 from tests.faults import counted
 
 NAME = "disturbed"
@@ -69,9 +69,9 @@ def work(plan: WorkerPlan, site: str) -> None:
     try:
         if plan.namespace:
             enter_network(plan.namespace)
-        rules = ServingRules(idle_exit_s=0.0, beat_s=plan.beat_s, grace_s=plan.grace_s)
+        rules = WorkerRules(idle_exit_s=0.0, beat_s=plan.beat_s, grace_s=plan.grace_s)
         with signals_to(stop, lambda text: None), _executor(plan) as executor:
-            StudyServer(wait_for_database(plan.storage), executor, rules, stop, print).serve()
+            WorkerLoop(wait_for_database(plan.storage), executor, rules, stop, print).run()
     except BaseException:
         traceback.print_exc()
         os._exit(1)

@@ -12,7 +12,8 @@ from gtf_tune.execution import FreshStages, InlineExecutor, LocalExecutor, Stage
 from gtf_tune.report.dashboard.place import turn_to_write
 from gtf_tune.store.database import create_database, open_database
 from gtf_tune.store.maintenance.copy import copy_study
-from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.open_study import open_study
 from gtf_tune.study.work.worker import StudyWorker
 from tests.faults.conftest import Disturb
 from tests.faults.counted import LOG_VARIABLE, PAUSE_VARIABLE

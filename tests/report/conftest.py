@@ -31,7 +31,7 @@ from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import RunUse
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
-from gtf_tune.store.trial_queue import Slot, TrialResult
+from gtf_tune.store.trial_queue import TrialLease, TrialResult
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.outcome.verdicts import ADOPT
 from gtf_tune.trajectory import Trajectory
@@ -157,13 +157,13 @@ def write_study(database: Database, scene: Scene = Scene()) -> Study:
     return study
 
 
-def confirm(database: Database, study: Study, verdict: str, ordinal: int = BEST) -> None:
+def confirm(database: Database, study: Study, verdict: str, number: int = BEST) -> None:
     """Add a confirmation with one candidate."""
     found = {"improvement": 0.31, "low": 0.22, "high": 0.39, "p_value": 0.002, "instances": 12}
     reasons = [] if verdict == ADOPT else ["not significantly better than nominal"]
-    candidate = {"ordinal": ordinal, "options": dict(OPTIONS[ordinal]), "value": 6e-4, **found, "reasons": reasons}
+    candidate = {"ordinal": number, "options": dict(OPTIONS[number]), "value": 6e-4, **found, "reasons": reasons}
     candidate |= {"adjusted_p_value": 0.004, "verdict": verdict, "by_sequence": {"walk": found}}
-    result = {"candidates": [candidate], "verdict": verdict, "adopted": ordinal if verdict == ADOPT else None}
+    result = {"candidates": [candidate], "verdict": verdict, "adopted": number if verdict == ADOPT else None}
     keys = [one.run.key for one in runs.of_study(database, study.id)][:3]
     confirmations.add(database, study.id, {"run_keys": keys}, result, verdict)
 
@@ -177,39 +177,39 @@ class _Writer:
     nominal: dict[str, float] = field(default_factory=dict)
 
     def write_trial(self) -> None:
-        slot = trial_queue.claim_slot(self.database, self.study.id, len(self.scene.options), this_worker())
-        assert slot is not None
-        options = dict(self.scene.options[slot.ordinal])
-        state = self._state(slot.ordinal)
-        uses = self._uses(slot, options, state)
-        runs.link(self.database, slot.trial_id, [use for _, use, _ in uses])
-        result = self._result(slot, uses, state)
-        self._tell_optuna(slot, options, result)
-        trial_queue.finish(self.database, slot, result)
+        lease = trial_queue.lease_trial(self.database, self.study.id, len(self.scene.options), this_worker())
+        assert lease is not None
+        options = dict(self.scene.options[lease.number])
+        state = self._state(lease.number)
+        uses = self._uses(lease, options, state)
+        runs.link(self.database, lease.trial_id, [use for _, use, _ in uses])
+        result = self._result(lease, uses, state)
+        self._tell_optuna(lease, options, result)
+        trial_queue.finish(self.database, lease, result)
         if self.scene.with_truth:
-            self._validate(slot, uses)
+            self._validate(lease, uses)
 
-    def _state(self, ordinal: int) -> str:
+    def _state(self, number: int) -> str:
         faults = {INFEASIBLE: "infeasible", PRUNED: "pruned", FAILED: "failed"} if self.scene.with_faults else {}
-        return faults.get(ordinal, "complete")
+        return faults.get(number, "complete")
 
-    def _uses(self, slot: Slot, options: Mapping[str, Any], state: str) -> list[tuple[str, RunUse, Trajectory]]:
+    def _uses(self, lease: TrialLease, options: Mapping[str, Any], state: str) -> list[tuple[str, RunUse, Trajectory]]:
         uses = []
         for name in self.scene.sequences:
             for kind, count in (("clean", CLEAN), ("noisy", NOISY)):
                 for index in range(count):
                     request = _request(name, options, kind, index)
-                    number = slot.ordinal * (CLEAN + NOISY) + index + (CLEAN if kind == "noisy" else 0)
+                    number = lease.number * (CLEAN + NOISY) + index + (CLEAN if kind == "noisy" else 0)
                     outcome = _outcome(request, number, fails=state == "infeasible" and kind == "noisy" and index > 1)
                     stored = runs.save(self.database, request, outcome)
-                    uses.append((name, RunUse(name, stored, slot.ordinal == 2 and kind == "clean"), outcome.trajectory))
+                    uses.append((name, RunUse(name, stored, lease.number == 2 and kind == "clean"), outcome.trajectory))
         return uses
 
-    def _result(self, slot: Slot, uses: list[tuple[str, RunUse, Trajectory]], state: str) -> TrialResult:
+    def _result(self, lease: TrialLease, uses: list[tuple[str, RunUse, Trajectory]], state: str) -> TrialResult:
         if state == "failed":
             return TrialResult("failed", message="the database went away", wall_s=1.0)
         scores = {name: _score(uses, name) for name in self.scene.sequences}
-        if slot.ordinal == 0:
+        if lease.number == 0:
             self.nominal = {name: score.value for name, score in scores.items()}
         feasible = state != "infeasible"
         several = len(scores) > 1
@@ -234,7 +234,7 @@ class _Writer:
             detail={"sequences": detail, "instances": only.instance_values.tolist() if feasible else [], "sizing": ""},
         )
 
-    def _tell_optuna(self, slot: Slot, options: Mapping[str, Any], result: TrialResult) -> None:
+    def _tell_optuna(self, lease: TrialLease, options: Mapping[str, Any], result: TrialResult) -> None:
         distributions: dict[str, BaseDistribution] = {MAX_ERROR: FloatDistribution(1e-5, 0.1, log=True)}
         if KERNEL in options:
             distributions[KERNEL] = CategoricalDistribution(("trivial", "huber", "cauchy"))
@@ -252,15 +252,15 @@ class _Writer:
         storage = self.optuna_study._storage
         trial_id = storage.create_new_trial(self.optuna_study._study_id, template_trial=trial)
         number = storage.get_trial(trial_id).number
-        trial_queue.attach_optuna_trial(self.database, slot, trial_id, number, options)
+        trial_queue.attach_optuna_trial(self.database, lease, trial_id, number, options)
 
-    def _validate(self, slot: Slot, uses: list[tuple[str, RunUse, Trajectory]]) -> None:
+    def _validate(self, lease: TrialLease, uses: list[tuple[str, RunUse, Trajectory]]) -> None:
         found = []
         for name in self.scene.sequences:
             clean = [run for of, use, run in uses if of == name and use.run.kind == "clean" and len(run) >= MIN_MATCHED]
             errors = [ate(ground_truth(range(FRAMES)), run) for run in clean]
             found.append(Validation(name, float(np.mean(errors)) if errors else None))
-        ground_truth_errors.save(self.database, slot.trial_id, found)
+        ground_truth_errors.save(self.database, lease.trial_id, found)
 
 
 def _request(sequence: str, options: Mapping[str, Any], kind: str, index: int) -> RunRequest:

@@ -41,7 +41,7 @@ def test_trials_without_one_of_the_numbers_are_left_out() -> None:
     found = compare([1, 2, 3, 4], [1, math.nan, 3, 4])
 
     assert found is not None
-    assert found.ordinals == (0, 2, 3)
+    assert found.numbers == (0, 2, 3)
 
 
 def test_a_constant_side_has_no_correlation() -> None:

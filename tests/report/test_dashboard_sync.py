@@ -26,7 +26,7 @@ STUDY_ID = 1
 
 @dataclass
 class End:
-    ordinal: int
+    number: int
 
 
 @pytest.fixture
@@ -59,8 +59,8 @@ def files(database: Database, prefix: str) -> dict[str, bytes]:
     return {one["filename"]: (folder / one["artifact_id"]).read_bytes() for one in records}
 
 
-def trial_files(database: Database, ordinal: int) -> dict[str, bytes]:
-    return files(database, f"dashboard:artifacts:{trials.get(database, STUDY_ID, ordinal).optuna_trial_id}:")
+def trial_files(database: Database, number: int) -> dict[str, bytes]:
+    return files(database, f"dashboard:artifacts:{trials.get(database, STUDY_ID, number).optuna_trial_id}:")
 
 
 def test_a_finished_trial_gets_its_note_and_its_files(own_database: Database, synced: DashboardSync) -> None:
@@ -146,8 +146,8 @@ def test_figures_are_not_written_after_every_trial(own_database: Database, monke
     monkeypatch.setattr(DashboardSync, "write_study", lambda self: written.append(1))
     synced = DashboardSync(own_database, "synthetic", refresh_s=1e6)
 
-    for ordinal in (1, 2, 3):
-        synced.trial_finished(End(ordinal))
+    for number in (1, 2, 3):
+        synced.trial_finished(End(number))
 
     assert written == [1]
 

@@ -12,13 +12,13 @@ def test_failed_runs_are_grouped_by_their_reason(data: StudyData) -> None:
     (failure,) = run_failures(data)
 
     assert failure.reason == "the pipeline crashed its process (SIGABRT)"
-    assert (failure.runs, failure.ordinals, failure.sequences) == (2, (6,), ("walk",))
+    assert (failure.runs, failure.numbers, failure.sequences) == (2, (6,), ("walk",))
     assert failure.example == "noisy run 2 of trial 6 on walk"
 
 
 def test_the_most_frequent_reason_comes_first(data: StudyData) -> None:
     broken = [
-        replace(one, run=replace(one.run, status="failed", error="out of memory")) if one.ordinal == 0 else one
+        replace(one, run=replace(one.run, status="failed", error="out of memory")) if one.number == 0 else one
         for one in data.runs
     ]
 
@@ -30,7 +30,7 @@ def test_the_most_frequent_reason_comes_first(data: StudyData) -> None:
 def test_trials_without_a_score_and_pairs_without_an_error_are_explained(data: StudyData) -> None:
     faults = trial_faults(data)
 
-    reasons = {(one.what, one.ordinals): one.reason for one in faults}
+    reasons = {(one.what, one.numbers): one.reason for one in faults}
     assert reasons["infeasible trials", (6,)] == "the pipeline crashed its process (SIGABRT)"
     assert reasons["pruned trials", (5,)] == "stopped early: worse than trial 3"
     assert reasons["failed trials", (9,)] == "the database went away"

@@ -21,7 +21,7 @@ def test_scores_of_one_sequence_are_shown_in_per_mille_of_the_extent(data: Study
 
 
 def test_every_trial_says_how_it_ended(data: StudyData) -> None:
-    states = {point.ordinal: point.state for point in study_points(data).points}
+    states = {point.number: point.state for point in study_points(data).points}
 
     assert states[0] == "feasible"
     assert (states[6], states[5], states[9]) == ("infeasible", "pruned", "failed")

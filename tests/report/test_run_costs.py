@@ -20,9 +20,9 @@ def use_of(data: StudyData, number: int, host: str, start_s: float, wall_s: floa
 
 
 def test_a_run_that_serves_two_trials_was_made_once(data: StudyData) -> None:
-    first, again = data.runs[0], replace(data.runs[0], ordinal=7, reused=True)
+    first, again = data.runs[0], replace(data.runs[0], number=7, reused=True)
 
-    assert [one.ordinal for one in runs_made([first, again])] == [0]
+    assert [one.number for one in runs_made([first, again])] == [0]
 
 
 def test_a_study_counts_what_it_made_and_what_it_reused(data: StudyData) -> None:

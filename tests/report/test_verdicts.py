@@ -17,7 +17,7 @@ Confirm = Callable[[Database, str], None]
 def test_the_best_trial_is_unconfirmed_without_a_confirmation(data: StudyData) -> None:
     verdict = study_verdict(data)
 
-    assert (verdict.kind, verdict.ordinal) == ("unconfirmed", 3)
+    assert (verdict.kind, verdict.number) == ("unconfirmed", 3)
     assert {change.option: (change.nominal, change.chosen) for change in verdict.changes} == {
         "filter.max_error": (0.01, 0.002),
         "robust.kernel": ("huber", "cauchy"),
@@ -45,7 +45,7 @@ def test_a_confirmed_candidate_is_to_be_adopted(own_database: Database, confirm_
 
     verdict = study_verdict(read_study(own_database, "synthetic"))
 
-    assert (verdict.kind, verdict.ordinal) == ("adopt", 3)
+    assert (verdict.kind, verdict.number) == ("adopt", 3)
     assert verdict.improvement.value == 0.31
     assert verdict_headline(verdict) == "Adopt the options of trial 3"
 
@@ -76,7 +76,7 @@ def test_nominal_is_kept_where_no_candidate_was_confirmed(own_database: Database
 
     verdict = study_verdict(read_study(own_database, "synthetic"))
 
-    assert (verdict.kind, verdict.ordinal) == ("keep", 0)
+    assert (verdict.kind, verdict.number) == ("keep", 0)
     assert verdict.candidates[0].reasons == ("not significantly better than nominal",)
 
 
@@ -96,8 +96,8 @@ def test_a_kept_nominal_that_had_no_rival_was_not_run_again(own_database: Databa
     confirm_study(own_database, "keep nominal")
     data = read_study(own_database, "synthetic")
     alone = replace(data.confirmations[0], result={"candidates": [], "adopted": None})
-    data = replace(data, confirmations=(alone,), trials=tuple(one for one in data.trials if one.ordinal != 3))
-    best = replace(data, trials=tuple(replace(one, value=0.0) if not one.ordinal else one for one in data.trials))
+    data = replace(data, confirmations=(alone,), trials=tuple(one for one in data.trials if one.number != 3))
+    best = replace(data, trials=tuple(replace(one, value=0.0) if not one.number else one for one in data.trials))
 
     verdict = study_verdict(best)
 
@@ -108,12 +108,12 @@ def test_a_kept_nominal_that_had_no_rival_was_not_run_again(own_database: Databa
 def test_a_nominal_that_does_not_work_is_never_kept(own_database: Database, confirm_study: Confirm) -> None:
     confirm_study(own_database, "keep nominal")
     data = read_study(own_database, "synthetic")
-    broken = [replace(one, feasible=False) if one.ordinal == 0 else one for one in data.trials]
+    broken = [replace(one, feasible=False) if one.number == 0 else one for one in data.trials]
 
     data = replace(data, trials=tuple(broken))
     verdict = study_verdict(data)
 
-    assert (verdict.kind, verdict.ordinal) == ("neither", 3)
+    assert (verdict.kind, verdict.number) == ("neither", 3)
     assert math.isnan(verdict.improvement.value)
     assert verdict.candidates
     assert "the nominal options were infeasible in the search" in verdict_sentences(data, verdict)[0]
@@ -138,19 +138,19 @@ def test_a_confirmation_says_nothing_about_a_better_trial_that_came_later(
 ) -> None:
     confirm_study(own_database, "adopt")
     data = read_study(own_database, "synthetic")
-    later = [replace(one, value=1e-6) if one.ordinal == 8 else one for one in data.trials]
+    later = [replace(one, value=1e-6) if one.number == 8 else one for one in data.trials]
 
     verdict = study_verdict(replace(data, trials=tuple(later)))
 
-    assert (verdict.kind, verdict.ordinal) == ("unconfirmed", 8)
+    assert (verdict.kind, verdict.number) == ("unconfirmed", 8)
 
 
 def test_nominal_stays_where_nothing_is_better(data: StudyData) -> None:
-    worse = tuple(one for one in data.trials if one.ordinal in (0, 1))
+    worse = tuple(one for one in data.trials if one.number in (0, 1))
 
     verdict = study_verdict(replace(data, trials=worse))
 
-    assert (verdict.kind, verdict.ordinal) == ("none", 0)
+    assert (verdict.kind, verdict.number) == ("none", 0)
     assert verdict_headline(verdict) == "Keep the nominal options so far"
 
 
@@ -159,7 +159,7 @@ def test_a_study_without_a_feasible_trial_has_no_verdict(database: Database) -> 
 
     verdict = study_verdict(data)
 
-    assert (verdict.kind, verdict.ordinal) == ("none", None)
+    assert (verdict.kind, verdict.number) == ("none", None)
     assert verdict_sentences(data, verdict) == ["None of 0 trials is feasible and complete so far."]
 
 

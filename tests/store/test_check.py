@@ -27,13 +27,13 @@ def used(
     from optuna.trial import TrialState
 
     storage = optuna_storage(database)
-    slot = trial_queue.claim_slot(database, study.id, 9, this_worker())
-    assert slot is not None
+    lease = trial_queue.lease_trial(database, study.id, 9, this_worker())
+    assert lease is not None
     optuna_id = storage.create_new_trial(study.optuna_study_id)
-    trial_queue.attach_optuna_trial(database, slot, optuna_id, 0, {})
+    trial_queue.attach_optuna_trial(database, lease, optuna_id, 0, {})
     saved = runs.save(database, make_request(), make_outcome())
-    runs.link(database, slot.trial_id, [RunUse("desk", saved, reused=False)])
-    trial_queue.finish(database, slot, TrialResult("complete", value=0.5, feasible=True))
+    runs.link(database, lease.trial_id, [RunUse("desk", saved, reused=False)])
+    trial_queue.finish(database, lease, TrialResult("complete", value=0.5, feasible=True))
     storage.set_trial_state_values(optuna_id, TrialState.COMPLETE, [0.5])
     return database
 

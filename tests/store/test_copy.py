@@ -44,16 +44,16 @@ def fill(
 
     def make(database: Database) -> Study:
         study = make_study(database)
-        for ordinal in range(3):
-            slot = trial_queue.claim_slot(database, study.id, 9, this_worker())
-            frozen = _optuna_trial(database, study, ordinal)
-            trial_queue.attach_optuna_trial(database, slot, frozen._trial_id, frozen.number, {"a.b": 0.1 * ordinal})
-            saved = runs.save(database, make_request("noisy", ordinal), make_outcome(ordinal))
-            runs.link(database, slot.trial_id, [RunUse("desk", saved, reused=ordinal > 1)])
-            ground_truth_errors.save(database, slot.trial_id, [Validation("desk", 0.1 / 3)])
-            if ordinal < 2:
+        for number in range(3):
+            lease = trial_queue.lease_trial(database, study.id, 9, this_worker())
+            frozen = _optuna_trial(database, study, number)
+            trial_queue.attach_optuna_trial(database, lease, frozen._trial_id, frozen.number, {"a.b": 0.1 * number})
+            saved = runs.save(database, make_request("noisy", number), make_outcome(number))
+            runs.link(database, lease.trial_id, [RunUse("desk", saved, reused=number > 1)])
+            ground_truth_errors.save(database, lease.trial_id, [Validation("desk", 0.1 / 3)])
+            if number < 2:
                 trial_queue.finish(
-                    database, slot, TrialResult("complete", value=0.1, feasible=True, detail={"m": [0.1]})
+                    database, lease, TrialResult("complete", value=0.1, feasible=True, detail={"m": [0.1]})
                 )
         confirmations.add(database, study.id, {"k": 1}, {"p": 0.5}, "keeps")
         return study
@@ -112,13 +112,13 @@ def test_a_copy_can_be_copied_back(pair: tuple[Database, Database], fill: Callab
     assert copy.optuna_digest(source, studies.get(source, "room").optuna_study_id) == optuna_digest
 
 
-def test_a_slot_in_work_is_free_in_the_copy(pair: tuple[Database, Database], fill: Callable[[Database], Study]) -> None:
+def test_a_leased_trial_is_free_in_the_copy(pair: tuple[Database, Database], fill: Callable[[Database], Study]) -> None:
     source, target = pair
     fill(source)
     copy_study(source, target, "room")
     adopted = trial_queue.adopt_stale(target, studies.get(target, "room").id, this_worker(), grace_s=1e9)
     assert adopted is not None
-    assert adopted.ordinal == 2
+    assert adopted.number == 2
     assert optuna_storage(target).get_trial(adopted.optuna_trial_id).state == TrialState.RUNNING
 
 

@@ -87,16 +87,16 @@ def test_another_trajectory_in_its_place_is_noticed(
 def test_linking_again_keeps_who_made_a_run(
     database: Database, study: Study, make_request: MakeRequest, make_outcome: MakeOutcome
 ) -> None:
-    slot = trial_queue.claim_slot(database, study.id, 1, this_worker())
-    assert slot is not None
+    lease = trial_queue.lease_trial(database, study.id, 1, this_worker())
+    assert lease is not None
     made = [runs.save(database, make_request(kind, 0), make_outcome()) for kind in ("clean", "noisy")]
 
-    runs.link(database, slot.trial_id, [RunUse("desk", made[0], reused=False)])
-    runs.link(database, slot.trial_id, [RunUse("desk", one, reused=True) for one in made])
+    runs.link(database, lease.trial_id, [RunUse("desk", made[0], reused=False)])
+    runs.link(database, lease.trial_id, [RunUse("desk", one, reused=True) for one in made])
 
-    linked = runs.of_trial(database, slot.trial_id)
+    linked = runs.of_trial(database, lease.trial_id)
     assert linked == runs.of_study(database, study.id)
-    assert [(one.ordinal, one.sequence_name, one.run, one.reused) for one in linked] == [
+    assert [(one.number, one.sequence_name, one.run, one.reused) for one in linked] == [
         (0, "desk", made[0], False),
         (0, "desk", made[1], True),
     ]
@@ -106,11 +106,11 @@ def test_totals_count_what_a_study_made_and_reused(
     database: Database, study: Study, make_request: MakeRequest, make_outcome: MakeOutcome
 ) -> None:
     assert runs.totals(database, study.id) == RunTotals(0, 0, 0, 0.0, 0.0)
-    slot = trial_queue.claim_slot(database, study.id, 1, this_worker())
-    assert slot is not None
+    lease = trial_queue.lease_trial(database, study.id, 1, this_worker())
+    assert lease is not None
     for index, status in enumerate(["ok", "failed", "ok"]):
         saved = runs.save(database, make_request("noisy", index), make_outcome(status=status, wall_s=1.0 + index))
-        runs.link(database, slot.trial_id, [RunUse("desk", saved, reused=index == 2)])
+        runs.link(database, lease.trial_id, [RunUse("desk", saved, reused=index == 2)])
     assert runs.totals(database, study.id) == RunTotals(2, 1, 1, 3.0, 3.0)
 
 

@@ -19,11 +19,11 @@ MakeStudy = Callable[..., Study]
 
 
 def run_trial(database: Database, study: Study, value: float, **result: object) -> int:
-    slot = trial_queue.claim_slot(database, study.id, 100, this_worker())
-    assert slot is not None
+    lease = trial_queue.lease_trial(database, study.id, 100, this_worker())
+    assert lease is not None
     ended = TrialResult("complete", value=value, feasible=True, gtf_ate=value, wall_s=2.0, detail={"m": [value]})
-    assert trial_queue.finish(database, slot, replace(ended, **result))
-    return slot.trial_id
+    assert trial_queue.finish(database, lease, replace(ended, **result))
+    return lease.trial_id
 
 
 def test_a_study_is_kept_with_its_sequences(database: Database, make_study: MakeStudy) -> None:
@@ -64,7 +64,7 @@ def test_summaries_count_trials_by_state(database: Database, make_study: MakeStu
     study, other = make_study(database, "a"), make_study(database, "b")
     for value, result in [(0.5, {}), (0.25, {}), (0.1, {"feasible": False}), (0.2, {"state": "pruned"})]:
         run_trial(database, study, value, **result)
-    trial_queue.claim_slot(database, study.id, 100, this_worker())
+    trial_queue.lease_trial(database, study.id, 100, this_worker())
 
     first, second = studies.summaries(database)
 
@@ -89,7 +89,7 @@ def test_the_best_trial_is_feasible_and_the_first_of_equals(database: Database, 
         run_trial(database, study, value, feasible=feasible)
     best = trials.best(database, study.id)
     assert best is not None
-    assert best.ordinal == 2
+    assert best.number == 2
     assert trials.details(database, [best.id]) == {best.id: {"m": [0.3]}}
     assert trials.counts(database, study.id) == {"complete": 4}
 
@@ -109,7 +109,7 @@ def test_an_infinite_value_is_kept_and_nan_is_none(database: Database, study: St
     assert (trial.value, trial.standard_error) == (float("inf"), None)
 
 
-def test_a_slot_nobody_took_has_no_trial(database: Database, study: Study) -> None:
+def test_a_trial_nobody_took_has_no_trial(database: Database, study: Study) -> None:
     with pytest.raises(StorageError, match="no trial 3"):
         trials.get(database, study.id, 3)
 
@@ -125,16 +125,16 @@ def test_workers_see_open_studies_only(database: Database, make_study: MakeStudy
 def test_trials_that_optuna_was_not_told_of_are_found(database: Database, study: Study) -> None:
     storage = optuna_storage(database)
     for told in (True, False):
-        slot = trial_queue.claim_slot(database, study.id, 9, this_worker())
-        assert slot is not None
+        lease = trial_queue.lease_trial(database, study.id, 9, this_worker())
+        assert lease is not None
         optuna_id = storage.create_new_trial(study.optuna_study_id)
-        trial_queue.attach_optuna_trial(database, slot, optuna_id, slot.ordinal, {})
-        trial_queue.finish(database, slot, TrialResult("complete", value=1.0))
+        trial_queue.attach_optuna_trial(database, lease, optuna_id, lease.number, {})
+        trial_queue.finish(database, lease, TrialResult("complete", value=1.0))
         if told:
             from optuna.trial import TrialState
 
             storage.set_trial_state_values(optuna_id, TrialState.COMPLETE, [1.0])
-    assert [trial.ordinal for trial in trials.untold(database, study.id)] == [1]
+    assert [trial.number for trial in trials.untold(database, study.id)] == [1]
 
 
 @pytest.fixture
@@ -176,7 +176,7 @@ def test_deleting_a_study_keeps_the_runs_of_another_ones_confirmation(
     assert list(runs.find(database, [mine.key, shared.key])) == [shared.key]
 
 
-def test_side_metrics_are_replaced_and_listed_by_ordinal(database: Database, study: Study) -> None:
+def test_side_metrics_are_replaced_and_listed_by_number(database: Database, study: Study) -> None:
     trial_id = run_trial(database, study, 0.5)
     ground_truth_errors.save(database, trial_id, [Validation("desk", 0.2), Validation("room", 0.3)])
     ground_truth_errors.save(database, trial_id, [Validation("desk", float("nan"), {"reason": "no overlap"})])

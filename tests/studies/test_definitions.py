@@ -13,8 +13,8 @@ from gtf_tune.pipelines.command.checks import read_command
 from gtf_tune.pipelines.droid_slam.options import OPTIONS
 from gtf_tune.store import studies
 from gtf_tune.store.database import create_database
-from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.open_study import make_pipeline
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.open_study import make_pipeline, open_study
 from gtf_tune.study.search.space import space_faults
 from tests.study.conftest import write_sequence
 

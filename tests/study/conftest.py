@@ -11,7 +11,8 @@ import pytest
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.pipelines import analytic
 from gtf_tune.store.database import Database, create_database
-from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.open_study import open_study
 from gtf_tune.study.work.worker import StudyWorker
 from gtf_tune.trajectory import write_tum
 

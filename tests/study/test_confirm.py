@@ -8,8 +8,7 @@ from gtf_tune.execution.base import RunLimits
 from gtf_tune.store import confirmations, runs, studies, trials
 from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.database import Database
-from gtf_tune.study.create import open_study
-from gtf_tune.study.open_study import OpenStudy
+from gtf_tune.study.open_study import OpenStudy, open_study
 from gtf_tune.study.outcome.confirm import ConfirmationPlan, confirm, plan_confirmation
 from gtf_tune.study.outcome.improvement import pick
 from gtf_tune.study.outcome.recommendation import recommend
@@ -178,13 +177,13 @@ def test_a_candidate_that_is_not_confirmed_leaves_nominal_recommended(
     run_study(definition_of(room, **GRID))
     study_id = studies.get(database, "small").id
     best = recommend(database, study_id, "small").trial
-    candidate = {"ordinal": best.ordinal, "options": best.options, "verdict": "keep nominal"}
+    candidate = {"ordinal": best.number, "options": best.options, "verdict": "keep nominal"}
 
     confirmations.add(
         database, study_id, {}, {"verdict": "keep nominal", "adopted": None, "candidates": [candidate]}, "keep nominal"
     )
 
-    assert recommend(database, study_id, "small").trial.ordinal == 0
+    assert recommend(database, study_id, "small").trial.number == 0
 
 
 def test_a_nominal_that_does_not_work_is_never_recommended(room: Path, database: Database, run_study: Runner) -> None:
@@ -193,14 +192,14 @@ def test_a_nominal_that_does_not_work_is_never_recommended(room: Path, database:
     run_study(definition_of(room, **{**GRID, "pipeline": pipeline, "gtf": {"clean_runs": 1, "noisy_runs": 1}}))
     study_id = studies.get(database, "small").id
     best = recommend(database, study_id, "small").trial
-    candidate = {"ordinal": best.ordinal, "options": best.options, "verdict": "keep nominal"}
+    candidate = {"ordinal": best.number, "options": best.options, "verdict": "keep nominal"}
     result = {"verdict": "keep nominal", "adopted": None, "candidates": [candidate]}
 
     confirmations.add(database, study_id, {}, result, "keep nominal")
 
     found = recommend(database, study_id, "small")
     assert not trials.get(database, study_id, 0).feasible
-    assert (found.verdict, found.trial.ordinal) == ("unconfirmed", best.ordinal)
+    assert (found.verdict, found.trial.number) == ("unconfirmed", best.number)
 
 
 def test_a_luckier_trial_of_a_setting_that_was_compared_is_confirmed_too(
@@ -218,9 +217,9 @@ def test_a_luckier_trial_of_a_setting_that_was_compared_is_confirmed_too(
 
     found, best = recommend(database, study_id, "small"), trials.best(database, study_id)
     assert best is not None
-    assert best.ordinal
+    assert best.number
     assert best.options == found.trial.options == {"filter.max_error": 0.01}
-    assert (found.verdict, found.trial.ordinal) == ("keep nominal", 0)
+    assert (found.verdict, found.trial.number) == ("keep nominal", 0)
     assert pick(database, study_id).is_nominal
 
 

@@ -21,14 +21,15 @@ from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import StoredRun
 from gtf_tune.store.workers import this_worker
-from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.edit import Extension, extend_study
+from gtf_tune.study.open_study import open_study
 from gtf_tune.study.runs.run_source import RunSlot
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.scoring.rescore import rescore
 from gtf_tune.study.work import optuna_trials
 from gtf_tune.study.work.callbacks import Silent
-from gtf_tune.study.work.server import ServingRules, StudyServer
+from gtf_tune.study.work.server import WorkerLoop, WorkerRules
 from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of
 
@@ -38,7 +39,7 @@ class Killed(BaseException):
 
 
 STEPS = {
-    "a trial is created": (optuna_trials, "create_for_slot"),
+    "a trial is created": (optuna_trials, "create_for_number"),
     "its options are noted": (trial_queue, "attach_optuna_trial"),
     "a run is stored": (runs, "save"),
     "its runs are linked": (runs, "link"),
@@ -195,7 +196,7 @@ def test_a_worker_goes_on_with_other_studies_when_one_is_deleted(room: Path, dat
     said: list[str] = []
     deed = Meanwhile(lambda: studies.delete_study(database, "small"))
 
-    StudyServer(database, InlineExecutor(), ServingRules(), announce=said.append, listen=lambda study: deed).serve()
+    WorkerLoop(database, InlineExecutor(), WorkerRules(), announce=said.append, listen=lambda study: deed).run()
 
     assert "study 'small' was deleted; its trial in work is dropped" in said
     assert studies.get(database, "other").state == "done"

@@ -5,8 +5,8 @@ import pytest
 from gtf_tune.errors import DefinitionError, OptionError, StorageError
 from gtf_tune.store import runs, studies, trials
 from gtf_tune.store.database import Database
-from gtf_tune.study.create import open_study
 from gtf_tune.study.edit import Extension, derive_study, extend_study
+from gtf_tune.study.open_study import open_study
 from tests.study.conftest import Runner, definition_of
 
 AXIS = {"filter.max_error": {"low": 1e-4, "high": 1.0, "log": True}}

@@ -49,8 +49,8 @@ def test_refine_searches_several_options_and_lists_by_a_surface() -> None:
 
 
 def test_start_up_points_differ_between_trials_and_repeat_after_a_resume() -> None:
-    def first_value(ordinal: int) -> float:
-        study = optuna.create_study(sampler=make_sampler(SearchDefinition(sampler="tpe", seed=4), ordinal, ONE_RANGE))
+    def first_value(number: int) -> float:
+        study = optuna.create_study(sampler=make_sampler(SearchDefinition(sampler="tpe", seed=4), number, ONE_RANGE))
         return study.ask().suggest_float("x", 0.0, 1.0)
 
     assert first_value(1) != first_value(2)
@@ -61,11 +61,11 @@ def test_qmc_gives_a_trial_its_point_whatever_was_drawn_before() -> None:
     study = optuna.create_study(sampler=RandomSampler())
     study.optimize(lambda trial: trial.suggest_float("x", 0.0, 1.0), n_trials=1)
 
-    def value(ordinal: int) -> float:
-        study.sampler = make_sampler(SearchDefinition(sampler="qmc"), ordinal, ONE_RANGE)
+    def value(number: int) -> float:
+        study.sampler = make_sampler(SearchDefinition(sampler="qmc"), number, ONE_RANGE)
         return study.ask().suggest_float("x", 0.0, 1.0)
 
-    drawn = [value(ordinal) for ordinal in (3, 2, 1, 2)]
+    drawn = [value(number) for number in (3, 2, 1, 2)]
 
     assert drawn == [0.75, 0.5, 0.0, 0.5]
 
@@ -84,8 +84,8 @@ def test_a_gaussian_process_sees_scores_without_the_penalties_of_infeasible_tria
 def test_gp_looks_near_the_best_score_beside_an_infeasible_region() -> None:
     pytest.importorskip("torch", reason="the extra [gp] is not installed")
     study = optuna.create_study()
-    for ordinal in range(20):
-        study.sampler = make_sampler(SearchDefinition(sampler="gp"), ordinal, ONE_RANGE)
+    for number in range(20):
+        study.sampler = make_sampler(SearchDefinition(sampler="gp"), number, ONE_RANGE)
         trial = study.ask()
         x = trial.suggest_float("x", 0.0, 1.0)
         trial.set_constraint("coverage", 0.4 - x)

@@ -43,7 +43,7 @@ def test_the_side_metric_changes_no_trial(room: Path, tmp_path: Path, database: 
 def test_the_error_asked_for_is_stored_under_its_name(room: Path, database: Database, run_study: Runner) -> None:
     run_study(definition_of(room, side_metric=RPE, **SHORT))
     study = studies.get(database, "small")
-    keys = [use.run.key for use in runs.of_study(database, study.id) if (use.ordinal, use.run.kind) == (1, "clean")]
+    keys = [use.run.key for use in runs.of_study(database, study.id) if (use.number, use.run.kind) == (1, "clean")]
     settings = RpeSettings("translation", 0.2, "seconds", "consecutive")
     truth = analytic.ground_truth(range(FRAMES))
 

@@ -10,7 +10,8 @@ from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.open_study import open_study
 from gtf_tune.study.scoring.savings import runs_saved
 from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of

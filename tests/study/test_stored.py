@@ -1,8 +1,7 @@
 import pytest
 
 from gtf_tune.errors import DefinitionError
-from gtf_tune.store.studies import Study
-from gtf_tune.study.stored import stored_definition
+from gtf_tune.store.studies import Study, stored_definition
 
 
 def test_a_damaged_definition_is_one_sentence() -> None:

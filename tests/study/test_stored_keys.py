@@ -37,7 +37,7 @@ def request(
     pipeline.version = VERSION
     planner = RunPlanner(pipeline, GtfDefinition(common_noise=common_noise), SeedSource(7), fixed or {})
     sequence = dataclasses.replace(imaginary_sequence(5), camera=camera)
-    return planner.request(sequence, options or {}, (kind, 1), sigma=2.5, ordinal=4)
+    return planner.request(sequence, options or {}, (kind, 1), sigma=2.5, number=4)
 
 
 def analytic() -> Pipeline:

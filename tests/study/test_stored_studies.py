@@ -13,8 +13,7 @@ from gtf_tune.store import runs, trials
 from gtf_tune.store.database import Database, open_database
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.trajectories import digest_of
-from gtf_tune.study.create import open_study
-from gtf_tune.study.open_study import OpenStudy
+from gtf_tune.study.open_study import OpenStudy, open_study
 from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
 from gtf_tune.study.runs.run_source import RunSource
 from gtf_tune.study.runs.stop import StopRequest
@@ -69,7 +68,7 @@ def test_a_study_of_an_earlier_commit_ends_as_it_ended_there(stored: Database, n
 def _rounds_alike(study: OpenStudy) -> bool:
     """Return True if this machine gives the stored runs and scores to the last bit, as not every processor does."""
     (use, *_) = runs.of_trial(study.database, trials.get(study.database, study.record.id, 0).id)
-    request = study.planner.request(study.sequences["room"], {}, ("clean", 0), sigma=0.0, ordinal=0)
+    request = study.planner.request(study.sequences["room"], {}, ("clean", 0), sigma=0.0, number=0)
     again = InlineExecutor().submit(request, RunLimits(60.0, 2**30)).result()
     found = rescore(study.database, study.record.name, {})
     same_scores = [one.score.value for one in found.trials] == [one.trial.value for one in found.trials]
@@ -84,4 +83,4 @@ def test_a_study_of_an_earlier_commit_is_confirmed(stored: Database, name: str, 
     found = confirm(study, plan, RunSource(stored, InlineExecutor(), RunLimits(60.0, 2**30), StopRequest(), Silent()))
 
     assert found.verdict in ("adopt", "keep nominal")
-    assert [one["ordinal"] for one in found.result["candidates"]] == [one.ordinal for one in plan.candidates]
+    assert [one["ordinal"] for one in found.result["candidates"]] == [one.number for one in plan.candidates]

@@ -15,7 +15,8 @@ from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.workers import this_worker
-from gtf_tune.study.create import checked_definition, create_study, open_study
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.open_study import open_study
 from gtf_tune.study.runs.run_source import RunSlot
 from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
 from gtf_tune.study.work import optuna_trials
@@ -33,7 +34,7 @@ def test_trial_zero_is_nominal_and_the_budget_is_exact(room: Path, database: Dat
 
     found = _trials(database)
 
-    assert [trial.ordinal for trial in found] == list(range(8))
+    assert [trial.number for trial in found] == list(range(8))
     assert found[0].options == {"filter.max_error": 0.01}
     assert studies.get(database, "small").state == "done"
 
@@ -54,7 +55,7 @@ def test_every_trial_runs_k_plus_k_delta_times_and_stores_each_run(
     uses = runs.of_study(database, studies.get(database, "small").id)
 
     assert len(executor.executed) == 8 * (2 + 3) == len(uses)
-    assert {(use.run.kind, use.run.index) for use in uses if use.ordinal == 4} == {
+    assert {(use.run.kind, use.run.index) for use in uses if use.number == 4} == {
         ("clean", 0),
         ("clean", 1),
         ("noisy", 0),
@@ -229,7 +230,7 @@ def test_a_run_that_fails_is_data_and_the_study_goes_on(room: Path, database: Da
     assert any(not trial.feasible and "told to fail" in trial.message for trial in found)
 
 
-def test_the_slot_of_a_dead_worker_is_adopted_with_its_optuna_trial(
+def test_the_trial_of_a_dead_worker_is_adopted_with_its_optuna_trial(
     room: Path, database: Database, run_study: Runner
 ) -> None:
     create_study(database, checked_definition(definition_of(room), "test"), room)
@@ -237,13 +238,13 @@ def test_the_slot_of_a_dead_worker_is_adopted_with_its_optuna_trial(
     dead = this_worker("dead")
     from gtf_tune.store import trial_queue
 
-    slot = trial_queue.claim_slot(database, study_id, 8, dead)
-    assert slot is not None
-    trial_queue.release(database, slot)
+    lease = trial_queue.lease_trial(database, study_id, 8, dead)
+    assert lease is not None
+    trial_queue.release(database, lease)
 
     run_study(definition_of(room))
 
-    assert [(trial.ordinal, trial.attempts) for trial in _trials(database)][:2] == [(0, 2), (1, 1)]
+    assert [(trial.number, trial.attempts) for trial in _trials(database)][:2] == [(0, 2), (1, 1)]
     assert len(optuna.load_study(study_name="small", storage=optuna_storage(database)).trials) == 8
 
 
@@ -268,10 +269,10 @@ def test_a_trial_that_someone_ends_in_optuna_while_it_runs_is_given_back_at_once
     room: Path, database: Database, run_study: Runner
 ) -> None:
     class Meddler(Silent):
-        def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
+        def trial_started(self, number: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
             del options, planned_runs
             study = optuna.load_study(study_name="small", storage=optuna_storage(database))
-            if ordinal == 1 and len(study.trials) == 2:
+            if number == 1 and len(study.trials) == 2:
                 study.tell(1, state=TrialState.FAIL)
 
     run_study(definition_of(room, search={"sampler": "random", "trials": 3}), listener=Meddler())
@@ -301,13 +302,13 @@ def test_several_sequences_are_scored_relative_to_nominal(
     assert second.value == pytest.approx(math.sqrt(ratios[0] * ratios[1]), rel=1e-12)
 
 
-def test_a_slot_has_one_optuna_trial_however_often_it_is_created(
+def test_a_trial_has_one_optuna_trial_however_often_it_is_created(
     room: Path, database: Database, run_study: Runner
 ) -> None:
     run_study(definition_of(room, search={"sampler": "random", "trials": 2}))
     study = optuna.load_study(study_name="small", storage=optuna_storage(database))
 
-    first, second = (optuna_trials.create_for_slot(study, 7, {"filter.max_error": 0.01}) for _ in range(2))
+    first, second = (optuna_trials.create_for_number(study, 7, {"filter.max_error": 0.01}) for _ in range(2))
 
     assert first == second
     assert [trial.number for trial in study.get_trials(states=[optuna.trial.TrialState.WAITING])] == [2]

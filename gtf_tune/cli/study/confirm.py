@@ -120,9 +120,9 @@ def _line(one: Mapping[str, Any]) -> tuple[str, ...]:
     return str(one["ordinal"]), *_change(one), number(one["adjusted_p_value"]), one["verdict"]
 
 
-def _sequence_line(ordinal: int, name: str, one: Mapping[str, Any]) -> tuple[str, ...]:
+def _sequence_line(trial_number: int, name: str, one: Mapping[str, Any]) -> tuple[str, ...]:
     shown = f"{name} (held out)" if one["holdout"] else name
-    return str(ordinal), shown, *_change(one), number(one["p_value"])
+    return str(trial_number), shown, *_change(one), number(one["p_value"])
 
 
 def _change(one: Mapping[str, Any]) -> tuple[str, str]:

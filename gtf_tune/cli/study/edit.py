@@ -54,8 +54,8 @@ def rescore(
     """
     from gtf_tune.display import definition_unit
     from gtf_tune.store import studies
+    from gtf_tune.store.studies import stored_definition
     from gtf_tune.study.scoring.rescore import rescore as rescore_study
-    from gtf_tune.study.stored import stored_definition
 
     database = open_storage(storage)
     given: dict[str, Any] = {"aggregate": aggregate, "metric": metric, "alignment": alignment, "normalise": normalise}
@@ -108,7 +108,7 @@ def extend(
 
 def _say_nothing_is_left(study: "Study", has_wider_range: bool, flag: str) -> None:
     """Say on stderr why an extended study has no trial to do, and how to give it some."""
-    from gtf_tune.study.stored import stored_definition
+    from gtf_tune.store.studies import stored_definition
 
     if stored_definition(study).search.sampler == "grid":
         say("every point of its grid has its trial already; a new study on the same runs may have more of them")
@@ -122,8 +122,8 @@ def _say_nothing_is_left(study: "Study", has_wider_range: bool, flag: str) -> No
 def _true_errors(database: "Database", name: str, side: list[str] | None, places: list[str] | None) -> TrueErrors:
     """Return the stored side metric of a study, or another one, computed from its trajectories."""
     from gtf_tune.store import ground_truth_errors, studies
+    from gtf_tune.store.studies import stored_definition
     from gtf_tune.study.ground_truth.record import changed_side_metric, recompute_side_metric
-    from gtf_tune.study.stored import stored_definition
 
     study = studies.get(database, name)
     stored = stored_definition(study).side_metric
@@ -131,7 +131,7 @@ def _true_errors(database: "Database", name: str, side: list[str] | None, places
         return TrueErrors(stored, ground_truth_errors.values(database, study.id))
     changed = changed_side_metric(stored, parse_pairs(side, "--side"))
     found = recompute_side_metric(database, name, changed, place_folders(places))
-    by_trial = {ordinal: {one.sequence_name: one.value for one in errors} for ordinal, errors in found.items()}
+    by_trial = {number: {one.sequence_name: one.value for one in errors} for number, errors in found.items()}
     return TrueErrors(changed, by_trial)
 
 
@@ -140,17 +140,17 @@ def _write(found: "Rescored", truth: TrueErrors, unit: "ScoreUnit") -> None:
     say(f"score: {gtf.score_text}; the study is unchanged")
     nominal = found.trials[0].score
     rows = []
-    for one in sorted(found.trials, key=lambda one: (one.rank or math.inf, one.trial.ordinal)):
+    for one in sorted(found.trials, key=lambda one: (one.rank or math.inf, one.trial.number)):
         change = percent(one.score.value / nominal.value - 1) if nominal.feasible and one.score.feasible else "-"
         rows.append(
             (
-                str(one.trial.ordinal),
+                str(one.trial.number),
                 str(one.rank or "-"),
                 str(one.rank_before or "-"),
                 f"{unit.text(one.score.value)}{_mark(one)}" if one.score.feasible else "infeasible",
                 change,
                 "-" if math.isnan(one.score.collapse_rate) else f"{one.score.collapse_rate:.0%}",
-                *truth.cells(one.trial.ordinal),
+                *truth.cells(one.trial.number),
             )
         )
     title = f">{unit.name} [{unit.short}]"
@@ -165,10 +165,10 @@ def _as_json(found: "Rescored", truth: TrueErrors) -> dict[str, Any]:
     return {
         "gtf": found.gtf.model_dump(mode="json"),
         "side_metric": truth.side.model_dump(mode="json"),
-        "best": found.best.trial.ordinal if found.best else None,
+        "best": found.best.trial.number if found.best else None,
         "trials": [
             {
-                "ordinal": one.trial.ordinal,
+                "ordinal": one.trial.number,
                 "options": dict(one.trial.options or {}),
                 "value_before": one.trial.value,
                 "rank_before": one.rank_before or None,
@@ -177,7 +177,7 @@ def _as_json(found: "Rescored", truth: TrueErrors) -> dict[str, Any]:
                 "rank": one.rank or None,
                 "feasible": one.score.feasible,
                 "collapse_rate": one.score.collapse_rate,
-                **truth.as_json(one.trial.ordinal),
+                **truth.as_json(one.trial.number),
             }
             for one in found.trials
         ],

@@ -39,8 +39,8 @@ def export(
     """
     from gtf_tune.errors import DefinitionError
     from gtf_tune.store import studies
+    from gtf_tune.store.studies import stored_definition
     from gtf_tune.study.outcome import export as export_module
-    from gtf_tune.study.stored import stored_definition
 
     if format_ not in export_module.FORMATS:
         raise DefinitionError(f"--format takes one of {', '.join(export_module.FORMATS)}, not '{format_}'")
@@ -53,47 +53,48 @@ def export(
         return
     chosen = _choose(database, study, trial)
     if format_ == "tum":
-        _write_trajectories(database, chosen, output or Path(f"{name}-trial-{chosen.ordinal}"))
+        _write_trajectories(database, chosen, output or Path(f"{name}-trial-{chosen.number}"))
         return
     text = export_module.setting_text(format_, stored_definition(study), chosen.options or {})
     _deliver(text, output)
 
 
-def _choose(database: "Database", study: "Study", ordinal: int | None) -> "Trial":
+def _choose(database: "Database", study: "Study", number: int | None) -> "Trial":
     from gtf_tune.store import trials
     from gtf_tune.study.outcome.recommendation import recommend
 
-    if ordinal is not None:
-        return trials.get(database, study.id, ordinal)
+    if number is not None:
+        return trials.get(database, study.id, number)
     found = recommend(database, study.id, study.name)
     against = ", though the last confirmation turned it down" if found.turned_down else ""
-    say(f"verdict: {found.verdict}; writing trial {found.trial.ordinal}{against}")
+    say(f"verdict: {found.verdict}; writing trial {found.trial.number}{against}")
     return found.trial
 
 
 def _trials_csv(database: "Database", study: "Study") -> str:
     from gtf_tune.store import ground_truth_errors, trials
+    from gtf_tune.store.studies import stored_definition
     from gtf_tune.study.outcome import export as export_module
-    from gtf_tune.study.stored import stored_definition
 
     known = trials.of_study(database, study.id)
     truth = TrueErrors(stored_definition(study).side_metric, ground_truth_errors.values(database, study.id))
     versions = trials.version_mismatches(database, study.id)
     names = list(dict.fromkeys(option for trial in known for option in trial.options or {}))
     sequences = sorted(truth.sequences)
-    facts = ("ordinal", "state", "feasible", "value", "standard_error", "ci_low", "ci_high", "coverage")
+    facts = ("state", "feasible", "value", "standard_error", "ci_low", "ci_high", "coverage")
     more = ("collapsed_rate", "clean_runs", "noisy_runs", "wall_s", "message")
     known_facts = attrgetter(*facts, *more)
     rows = [
         [
+            trial.number,
             *known_facts(trial),
-            versions.get(trial.ordinal),
-            *(truth.value(trial.ordinal, sequence) for sequence in sequences),
+            versions.get(trial.number),
+            *(truth.value(trial.number, sequence) for sequence in sequences),
             *((trial.options or {}).get(option) for option in names),
         ]
         for trial in known
     ]
-    columns = [*facts, *more, "version_mismatch", *(f"{truth.side.key}:{one}" for one in sequences), *names]
+    columns = ["ordinal", *facts, *more, "version_mismatch", *(f"{truth.side.key}:{one}" for one in sequences), *names]
     return export_module.table_csv(columns, rows)
 
 
@@ -109,7 +110,7 @@ def _write_trajectories(database: "Database", trial: "Trial", folder: Path) -> N
     for use in uses:
         if len(found[use.run.key]):
             write_tum(found[use.run.key], folder / f"{use.sequence_name}-{use.run.kind}-{use.run.index:02d}.txt")
-    say(f"wrote the trajectories of trial {trial.ordinal} to {folder}")
+    say(f"wrote the trajectories of trial {trial.number} to {folder}")
 
 
 def _deliver(text: str, output: Path | None) -> None:

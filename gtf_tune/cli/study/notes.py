@@ -38,18 +38,18 @@ def warn_of_lost_frames(database: "Database", study_id: int) -> None:
             )
 
 
-def warn_of_mixed_versions(database: "Database", study_id: int, ordinals: Collection[int]) -> None:
+def warn_of_mixed_versions(database: "Database", study_id: int, numbers: Collection[int]) -> None:
     """Say on stderr which of some trials were made by another version of the pipeline than nominal."""
     from gtf_tune.store import trials
 
-    found = trials.version_mismatches(database, study_id, {0, *ordinals})
-    for ordinal in sorted(set(ordinals) - {0}):
-        if found.get(ordinal) != found.get(0):
+    found = trials.version_mismatches(database, study_id, {0, *numbers})
+    for number in sorted(set(numbers) - {0}):
+        if found.get(number) != found.get(0):
             notes = [
-                f"the worker of trial {one} noted that the study {found[one]}" for one in (0, ordinal) if one in found
+                f"the worker of trial {one} noted that the study {found[one]}" for one in (0, number) if one in found
             ]
             say(
-                f"warning: nominal and trial {ordinal} were made by different versions of the pipeline, which may be "
+                f"warning: nominal and trial {number} were made by different versions of the pipeline, which may be "
                 f"what sets them apart; {' and '.join(notes)}"
             )
 

@@ -68,7 +68,7 @@ def watch(
     """
     from gtf_tune.display import definition_unit
     from gtf_tune.store import studies, trials
-    from gtf_tune.study.stored import stored_definition
+    from gtf_tune.store.studies import stored_definition
 
     database = open_storage(storage)
     shown: set[int] = set()
@@ -76,10 +76,10 @@ def watch(
     while True:
         study = studies.get(database, name)
         known = trials.of_study(database, study.id)
-        nominal = next((trial.value for trial in known if trial.ordinal == 0 and trial.feasible), None)
+        nominal = next((trial.value for trial in known if trial.number == 0 and trial.feasible), None)
         for trial in known:
-            if trial.state != "claimed" and trial.ordinal not in shown:
-                shown.add(trial.ordinal)
+            if trial.state != "claimed" and trial.number not in shown:
+                shown.add(trial.number)
                 write_line(_line(trial, nominal, unit))
         if study.state == "done":
             say(f"study '{name}' is done")
@@ -92,9 +92,9 @@ def snippets(database: "Database", name: str) -> dict[str, str]:
     """Return the recommended setting in the forms that people paste; nothing before there is one."""
     from gtf_tune.errors import StorageError
     from gtf_tune.store import studies
+    from gtf_tune.store.studies import stored_definition
     from gtf_tune.study.outcome.export import setting_files
     from gtf_tune.study.outcome.recommendation import recommend
-    from gtf_tune.study.stored import stored_definition
 
     study = studies.get(database, name)
     try:
@@ -111,9 +111,9 @@ def _panels(path: Path | None) -> "ReportDefinition":
 
 
 def _line(trial: "Trial", nominal: float | None, unit: "ScoreUnit") -> str:
-    name = "nominal" if trial.ordinal == 0 else f"trial {trial.ordinal}"
+    name = "nominal" if trial.number == 0 else f"trial {trial.number}"
     if trial.value is None or not trial.feasible:
         return f"{name}: infeasible, {trial.message}"
-    gain = f" ({percent(trial.value / nominal - 1)})" if nominal and trial.ordinal else ""
+    gain = f" ({percent(trial.value / nominal - 1)})" if nominal and trial.number else ""
     early = ", stopped early" if trial.state == "pruned" else ""
     return f"{name}: {unit.told(trial.value)}{gain}, {duration(trial.wall_s)} on {trial.host}{early}"

@@ -49,10 +49,9 @@ def run(
     Example: gtf-tune study run photos --jobs 4
     """
     from gtf_tune.store import studies
-    from gtf_tune.study.states import check_open
 
     database = open_storage(storage)
-    check_open(studies.get(database, name))
+    studies.check_open(studies.get(database, name))
     study = open_for_work(database, name, sequence, allow_version_mismatch)
     work_on(study, make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache), trial_parallel)
     _suggest_next(name, database)
@@ -116,7 +115,7 @@ def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int) -> No
 
 def open_for_work(database: "Database", name: str, places: list[str] | None, allow_mismatch: bool) -> "OpenStudy":
     """Open a study whose sequences may lie elsewhere on this machine, as the flags say."""
-    from gtf_tune.study.create import open_study
+    from gtf_tune.study.open_study import open_study
 
     hush_optuna()
     return open_study(database, name, place_folders(places), allow_version_mismatch=allow_mismatch)

@@ -48,7 +48,7 @@ def list_studies(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None
     """
     from gtf_tune.display import definition_unit
     from gtf_tune.store import studies
-    from gtf_tune.study.stored import stored_definition
+    from gtf_tune.store.studies import stored_definition
 
     database = open_storage(storage)
     summaries = studies.summaries(database)
@@ -82,7 +82,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     """
     from gtf_tune.display import definition_unit
     from gtf_tune.store import ground_truth_errors, runs, studies, trials
-    from gtf_tune.study.stored import stored_definition
+    from gtf_tune.store.studies import stored_definition
 
     database = open_storage(storage)
     study = studies.get(database, name)
@@ -91,7 +91,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     if json:
         versions = trials.version_mismatches(database, study.id)
         shown = [
-            {**vars(one), "version_mismatch": versions.get(one.ordinal), **truth.as_json(one.ordinal)}
+            {**one.as_dict(), "version_mismatch": versions.get(one.number), **truth.as_json(one.number)}
             for one in trials.of_study(database, study.id)
         ]
         write_json(
@@ -111,7 +111,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     count = sum(one.count for one in efforts)
     chosen = trials.ranked(database, study.id, count if all_ else _SHOWN_TRIALS)
     nominal = trials.nominal(database, study.id)
-    if nominal is not None and nominal.ordinal not in [one.ordinal for one in chosen]:
+    if nominal is not None and nominal.number not in [one.number for one in chosen]:
         chosen.append(nominal)
     _write_trials(chosen, truth, definition_unit(definition), trials.option_names(database, study.id))
     if len(chosen) < count:
@@ -126,9 +126,9 @@ def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE
     Example: gtf-tune study best photos
     """
     from gtf_tune.store import studies
+    from gtf_tune.store.studies import stored_definition
     from gtf_tune.study.outcome.improvement import pick
     from gtf_tune.study.outcome.recommendation import UNCONFIRMED, recommend
-    from gtf_tune.study.stored import stored_definition
 
     database = open_storage(storage)
     study = studies.get(database, name)
@@ -140,7 +140,7 @@ def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE
     definition = stored_definition(study)
     _write_pick(found, recommended, definition)
     picks = [one for one in (recommended.trial, found.best) if one is not None]
-    warn_of_mixed_versions(database, study.id, [one.ordinal for one in picks])
+    warn_of_mixed_versions(database, study.id, [one.number for one in picks])
     warn_of_lost_frames(database, study.id)
     if recommended.turned_down:
         suggest_nominal_that_works(name, storage_flag(database))
@@ -220,8 +220,8 @@ def _write_trials(chosen: list["Trial"], truth: TrueErrors, unit: "ScoreUnit", n
     columns += [f">{name}" for name in _short_names(names)] if len(names) <= _OPTION_COLUMNS else ["options"]
     rows = []
     for trial in chosen:
-        row = [_ordinal(trial), _score(trial, unit), unit.text(trial.standard_error)]
-        row += truth.cells(trial.ordinal)
+        row = [_name(trial), _score(trial, unit), unit.text(trial.standard_error)]
+        row += truth.cells(trial.number)
         row += [_share(trial.coverage), *([_share(trial.collapsed_rate)] if fragile else [])]
         values = [_value((trial.options or {}).get(name)) for name in names]
         pairs = zip(_short_names(names), values, strict=True)
@@ -238,8 +238,8 @@ def _short_names(names: list[str]) -> list[str]:
     return [short if last.count(short) == 1 else name for short, name in zip(last, names, strict=True)]
 
 
-def _ordinal(trial: "Trial") -> str:
-    return "nominal" if trial.ordinal == 0 else str(trial.ordinal)
+def _name(trial: "Trial") -> str:
+    return "nominal" if trial.number == 0 else str(trial.number)
 
 
 def _score(trial: "Trial", unit: "ScoreUnit") -> str:
@@ -269,7 +269,7 @@ def _write_pick(found: "Pick", recommended: "Recommendation", definition: "Study
     elif found.nominal is not None:
         pairs["nominal"] = f"infeasible: {found.nominal.message}"
     if found.best is not None:
-        pairs["best"] = f"{unit.name} {unit.text(found.best.value)} {symbol} (trial {found.best.ordinal})"
+        pairs["best"] = f"{unit.name} {unit.text(found.best.value)} {symbol} (trial {found.best.number})"
     gain = found.improvement
     if found.is_nominal:
         pairs["improvement"] = "none: nothing beats the nominal setting"
@@ -291,7 +291,7 @@ def _verdict(recommended: "Recommendation") -> str:
     bounds = f"95 % interval {percent(-found['high'])} to {percent(-found['low'])}"
     change = f"{percent(-found['improvement'])} on fresh noise ({bounds}, {found['instances']} noisy runs)"
     word = (
-        f"{recommended.verdict} trial {recommended.trial.ordinal}" if recommended.trial.ordinal else recommended.verdict
+        f"{recommended.verdict} trial {recommended.trial.number}" if recommended.trial.number else recommended.verdict
     )
     against = "".join(f"; {reason}" for reason in found["reasons"])
     return f"{word}; trial {found['ordinal']}: {change}{against}"
@@ -299,11 +299,11 @@ def _verdict(recommended: "Recommendation") -> str:
 
 def _pick_as_json(found: "Pick", recommended: "Recommendation") -> dict[str, Any]:
     return {
-        "nominal": vars(found.nominal) if found.nominal else None,
-        "best": vars(found.best) if found.best else None,
+        "nominal": found.nominal.as_dict() if found.nominal else None,
+        "best": found.best.as_dict() if found.best else None,
         "improvement": vars(found.improvement) if found.improvement else None,
         "verdict": recommended.verdict,
-        "recommended": vars(recommended.trial),
+        "recommended": recommended.trial.as_dict(),
         "confirmation": recommended.confirmation or None,
     }
 

@@ -74,9 +74,9 @@ class StudyProgress:
         """Stop to show, leaving the last state on the terminal."""
         self._progress.stop()
 
-    def trial_started(self, ordinal: int, options: Mapping[str, "OptionValue"], planned_runs: int) -> None:
+    def trial_started(self, number: int, options: Mapping[str, "OptionValue"], planned_runs: int) -> None:
         """Take note of a trial whose options are chosen."""
-        del ordinal, options
+        del number, options
         with self._lock:
             self._planned += planned_runs
             self._progress.update(self._runs, total=self._planned)
@@ -118,7 +118,7 @@ class StudyProgress:
                 say(f"{self._line(end)}; {self._finished}/{self._budget}, {note}")
 
     def _remember(self, end: "TrialEnd") -> None:
-        if end.ordinal == 0 and end.score.feasible:
+        if end.number == 0 and end.score.feasible:
             self._nominal = end.score.value
         if end.score.feasible and not end.stopped and (self._best is None or end.score.value < self._best):
             self._best = end.score.value
@@ -126,11 +126,11 @@ class StudyProgress:
     def _line(self, end: "TrialEnd") -> str:
         from gtf_tune.pipelines.options import option_text
 
-        name = "nominal" if end.ordinal == 0 else f"trial {end.ordinal}"
+        name = "nominal" if end.number == 0 else f"trial {end.number}"
         options = ", ".join(f"{option}={option_text(value, digits=4)}" for option, value in end.options.items())
         if not end.score.feasible:
             return f"{name} ({options}): infeasible, {end.score.message}"
         if end.stopped:
             return f"{name} ({options}): stopped early, {end.stopped}"
-        gain = f" ({percent(end.score.value / self._nominal - 1)})" if self._nominal and end.ordinal else ""
+        gain = f" ({percent(end.score.value / self._nominal - 1)})" if self._nominal and end.number else ""
         return f"{name} ({options}): {self._unit.told(end.score.value)}{gain}"

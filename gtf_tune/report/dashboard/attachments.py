@@ -35,12 +35,12 @@ def key_figures(data: StudyData) -> list[Drawing]:
     return drawings[:_MOST_FIGURES]
 
 
-def matrix_table(data: StudyData, ordinal: int) -> Attachment | None:
+def matrix_table(data: StudyData, number: int) -> Attachment | None:
     """Return the errors between clean and noisy runs of one trial as CSV, None where it has none."""
     unit = sequence_unit(data.definition.gtf)
     rows: list[Sequence[object]] = []
     for sequence in data.sequences:
-        detail = sequence_detail(data, ordinal, sequence.name)
+        detail = sequence_detail(data, number, sequence.name)
         for (i, j), value in _cells(detail.matrix):
             collapsed = "yes" if j < len(detail.collapsed) and detail.collapsed[j] else "no"
             reason = detail.pair_errors.get((i, j), "")
@@ -58,7 +58,7 @@ def trial_table(data: StudyData) -> Attachment:
     columns = ("trial", "state", points.unit.label, "low", "high", points.truth_label, "coverage", *options, "message")
     rows = [
         (
-            point.ordinal,
+            point.number,
             point.state,
             *(significant(value, 6) for value in (point.value, point.low, point.high, point.ground_truth)),
             significant(point.coverage),

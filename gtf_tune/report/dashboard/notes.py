@@ -38,14 +38,14 @@ def study_note(data: StudyData, before: str = "") -> str:
     return "\n\n".join(part for part in parts if part) + kept
 
 
-def trial_note(data: StudyData, ordinal: int) -> str:
+def trial_note(data: StudyData, number: int) -> str:
     """Return the note of one trial: its score, its options beside nominal, what failed."""
     points = study_points(data)
-    point = next(point for point in points.points if point.ordinal == ordinal)
+    point = next(point for point in points.points if point.number == number)
     parts = [_score_line(point, points), _changes(data, point)]
     if point.message:
         parts.append(f"**{plain(point.state)}**: {inline_code(point.message[:_LONGEST_REASON])}")
-    failures = [one for one in run_failures(data) if ordinal in one.ordinals]
+    failures = [one for one in run_failures(data) if number in one.numbers]
     if failures:
         rows = [(str(one.runs), inline_code(one.reason[:_LONGEST_REASON])) for one in failures]
         parts += ["**Failed runs**", table([">runs", "reason"], rows)]
@@ -53,14 +53,14 @@ def trial_note(data: StudyData, ordinal: int) -> str:
 
 
 def _score_line(point: TrialPoint, points: PointSet) -> str:
-    name = "nominal options" if point.ordinal == 0 else f"trial {point.ordinal}"
+    name = "nominal options" if point.number == 0 else f"trial {point.number}"
     facts = [f"**{name}**"]
     if math.isfinite(point.value):
         facts.append(f"{points.unit.name} **{significant(point.value)}** {points.unit.symbol}")
     if math.isfinite(point.low):
         facts.append(f"95 % interval {interval(point.low, point.high)}")
     nominal = points.nominal
-    if nominal is not None and nominal.value and point.ordinal and math.isfinite(point.value):
+    if nominal is not None and nominal.value and point.number and math.isfinite(point.value):
         facts.append(f"improvement on nominal {percent(1 - point.value / nominal.value)}")
     if math.isfinite(point.ground_truth):
         facts.append(f"{points.truth_name} {significant(point.ground_truth, 4)}")
@@ -71,7 +71,7 @@ def _score_line(point: TrialPoint, points: PointSet) -> str:
 
 
 def _changes(data: StudyData, point: TrialPoint) -> str:
-    nominal = next((trial.options or {} for trial in data.trials if trial.ordinal == 0), {})
+    nominal = next((trial.options or {} for trial in data.trials if trial.number == 0), {})
     rows = []
     for option, value in point.options.items():
         shown = inline_code(value_text(value))
@@ -81,7 +81,7 @@ def _changes(data: StudyData, point: TrialPoint) -> str:
 
 
 def _option_table(data: StudyData, chosen: dict[str, bool | int | float | str]) -> str:
-    nominal = next((trial.options or {} for trial in data.trials if trial.ordinal == 0), {})
+    nominal = next((trial.options or {} for trial in data.trials if trial.number == 0), {})
     rows = []
     for option, axis in data.definition.space.items():
         if isinstance(axis, RangeAxis):

@@ -75,7 +75,7 @@ class DashboardSync(Silent):
 
     def trial_finished(self, end: TrialEnd) -> None:
         """Write the note and the files of a trial, and refresh the study's own if that is due."""
-        self._guarded(lambda: self.write_trial(end.ordinal))
+        self._guarded(lambda: self.write_trial(end.number))
         if time.monotonic() >= self._next_refresh_at:
             self._guarded(lambda: self._refresh(0.0))
 
@@ -94,7 +94,7 @@ class DashboardSync(Silent):
         self._guarded(lambda: self._catch_up(time.monotonic() + _CATCH_UP_S))
         self._guarded(lambda: self._refresh(_PATIENCE_S))
 
-    def write_trial(self, ordinal: int) -> None:
+    def write_trial(self, number: int) -> None:
         """Write the note and the files of one trial.
 
         Raises
@@ -102,14 +102,14 @@ class DashboardSync(Silent):
         StorageError
             There is no such trial, or the database does not answer.
         """
-        data = read_trials(self._database, self._name, [0, ordinal])
-        trial = next(one for one in data.trials if one.ordinal == ordinal)
+        data = read_trials(self._database, self._name, [0, number])
+        trial = next(one for one in data.trials if one.number == number)
         if trial.optuna_trial_id is None:
             return
         writer = self._opened()
-        for attachment in self._trial_files(data, ordinal) if writer.artifacts is not None else ():
+        for attachment in self._trial_files(data, number) if writer.artifacts is not None else ():
             writer.write_trial_file(trial.optuna_trial_id, attachment)
-        writer.write_trial_note(trial.optuna_trial_id, notes.trial_note(data, ordinal))
+        writer.write_trial_note(trial.optuna_trial_id, notes.trial_note(data, number))
 
     def write_study(self) -> None:
         """Write the note, the figures and the files of the study itself; only with the turn to do so.
@@ -154,17 +154,17 @@ class DashboardSync(Silent):
         noted = self._opened().noted_trials()
         for trial in read_search(self._database, self._name).trials:
             if trial.state != "claimed" and trial.optuna_trial_id not in noted and time.monotonic() < give_up_at:
-                self.write_trial(trial.ordinal)
+                self.write_trial(trial.number)
 
-    def _trial_files(self, data: StudyData, ordinal: int) -> list[Attachment]:
-        own = [one for one in runs_made(data.runs) if one.ordinal == ordinal and one.run.status == "failed"]
+    def _trial_files(self, data: StudyData, number: int) -> list[Attachment]:
+        own = [one for one in runs_made(data.runs) if one.number == number and one.run.status == "failed"]
         named = [
             (f"{one.sequence_name}, {one.run.kind} run {one.run.index}: {one.run.error}", one.run.key) for one in own
         ]
-        settings = read_configuration(self._database, data, f"trial {ordinal}", ordinal)
+        settings = read_configuration(self._database, data, f"trial {number}", number)
         images = [attachments.trajectory_image(one, name) for name, one in settings.items()]
         log = attachments.failure_log((name, runs.log(self._database, key)) for name, key in named)
-        return [one for one in (attachments.matrix_table(data, ordinal), *images, log) if one is not None]
+        return [one for one in (attachments.matrix_table(data, number), *images, log) if one is not None]
 
     def _study_files(self, data: StudyData) -> list[Attachment]:
         chosen = {change.option: change.chosen for change in study_verdict(data).changes}

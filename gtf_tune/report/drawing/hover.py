@@ -11,7 +11,7 @@ _LONGEST = 90
 
 def trial_text(point: TrialPoint, points: PointSet) -> str:
     """Return the hover text of a trial."""
-    name = "trial 0 (nominal)" if point.ordinal == 0 else f"trial {point.ordinal}"
+    name = "trial 0 (nominal)" if point.number == 0 else f"trial {point.number}"
     lines = [f"<b>{name}</b>"]
     if math.isfinite(point.value):
         lines.append(f"{points.unit.name} {significant(point.value)} {points.unit.symbol}")

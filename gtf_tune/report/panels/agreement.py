@@ -30,7 +30,7 @@ class Agreement:
 
     x: FloatArray
     y: FloatArray
-    ordinals: tuple[int, ...]
+    numbers: tuple[int, ...]
     slope: float
     intercept: float
     r_squared: float
@@ -57,8 +57,8 @@ def agreement(
         fit = stats.linregress(xs, ys)
         slope, intercept, r_squared = float(fit.slope), float(fit.intercept), float(fit.rvalue) ** 2
         spearman = float(stats.spearmanr(xs, ys).statistic)
-    ordinals = tuple(one.ordinal for one in chosen)
-    return Agreement(xs, ys, ordinals, slope, intercept, r_squared, spearman, (_spreads_far(xs), _spreads_far(ys)))
+    numbers = tuple(one.number for one in chosen)
+    return Agreement(xs, ys, numbers, slope, intercept, r_squared, spearman, (_spreads_far(xs), _spreads_far(ys)))
 
 
 def agreement_figure(found: Agreement, labels: tuple[str, str], colour: str) -> go.Figure:
@@ -86,11 +86,11 @@ def agreement_figure(found: Agreement, labels: tuple[str, str], colour: str) -> 
         y=found.y,
         mode="markers",
         marker={
-            "color": [theme.NOMINAL if ordinal == 0 else colour for ordinal in found.ordinals],
-            "size": [11 if ordinal == 0 else 8 for ordinal in found.ordinals],
+            "color": [theme.NOMINAL if number == 0 else colour for number in found.numbers],
+            "size": [11 if number == 0 else 8 for number in found.numbers],
             "line": {"color": "white", "width": 1},
         },
-        hovertext=[_text(found, index, labels) for index in range(len(found.ordinals))],
+        hovertext=[_text(found, index, labels) for index in range(len(found.numbers))],
         hoverinfo="text",
     )
     return drawn
@@ -99,8 +99,8 @@ def agreement_figure(found: Agreement, labels: tuple[str, str], colour: str) -> 
 def merit_text(found: Agreement) -> str:
     """Return the figures of merit of an agreement."""
     if not math.isfinite(found.r_squared):
-        return f"{len(found.ordinals)} trials; one side is constant, so there is no correlation"
-    return f"R² {found.r_squared:.2f}, Spearman {found.spearman:.2f} ({len(found.ordinals)} trials)"
+        return f"{len(found.numbers)} trials; one side is constant, so there is no correlation"
+    return f"R² {found.r_squared:.2f}, Spearman {found.spearman:.2f} ({len(found.numbers)} trials)"
 
 
 def agreement_panel(report: ReportInput) -> list[Block]:
@@ -118,8 +118,8 @@ def _spreads_far(values: FloatArray) -> bool:
 
 
 def _text(found: Agreement, index: int, labels: tuple[str, str]) -> str:
-    ordinal = found.ordinals[index]
-    name = "trial 0 (nominal)" if ordinal == 0 else f"trial {ordinal}"
+    number = found.numbers[index]
+    name = "trial 0 (nominal)" if number == 0 else f"trial {number}"
     return "<br>".join(
         [
             f"<b>{name}</b>",

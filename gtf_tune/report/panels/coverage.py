@@ -25,7 +25,7 @@ def coverage_figure(points: PointSet, floors: Sequence[tuple[str, float]]) -> go
         chosen = [point for point in points.points if point.state == state and math.isfinite(point.coverage)]
         if chosen:
             drawn.add_scatter(
-                x=[point.ordinal for point in chosen],
+                x=[point.number for point in chosen],
                 y=[100 * point.coverage for point in chosen],
                 mode="markers",
                 name=state,

@@ -20,7 +20,7 @@ class RunFailure:
 
     reason: str
     runs: int
-    ordinals: tuple[int, ...]
+    numbers: tuple[int, ...]
     sequences: tuple[str, ...]
     example: str
     example_key: str
@@ -33,7 +33,7 @@ class TrialFault:
     what: str
     reason: str
     count: int
-    ordinals: tuple[int, ...]
+    numbers: tuple[int, ...]
 
 
 def run_failures(data: StudyData) -> tuple[RunFailure, ...]:
@@ -41,15 +41,15 @@ def run_failures(data: StudyData) -> tuple[RunFailure, ...]:
     groups: dict[str, list[tuple[int, str, str, str]]] = {}
     for one in runs_made(data.runs):
         if one.run.status == "failed":
-            name = f"{one.run.kind} run {one.run.index} of trial {one.ordinal} on {one.sequence_name}"
+            name = f"{one.run.kind} run {one.run.index} of trial {one.number} on {one.sequence_name}"
             groups.setdefault(one.run.error or _NO_REASON, []).append(
-                (one.ordinal, one.sequence_name, name, one.run.key)
+                (one.number, one.sequence_name, name, one.run.key)
             )
     found = [
         RunFailure(
             reason=reason,
             runs=len(group),
-            ordinals=tuple(sorted({one[0] for one in group})),
+            numbers=tuple(sorted({one[0] for one in group})),
             sequences=tuple(sorted({one[1] for one in group})),
             example=group[0][2],
             example_key=group[0][3],
@@ -65,11 +65,11 @@ def trial_faults(data: StudyData) -> tuple[TrialFault, ...]:
     for trial in data.trials:
         state = state_of(trial)
         if state in ("infeasible", "pruned", "failed"):
-            groups.setdefault((f"{state} trials", trial.message or _NO_REASON), []).append(trial.ordinal)
+            groups.setdefault((f"{state} trials", trial.message or _NO_REASON), []).append(trial.number)
         for sequence in data.sequences:
-            for reason in sequence_detail(data, trial.ordinal, sequence.name).pair_errors.values():
-                groups.setdefault(("pairs without an error", reason), []).append(trial.ordinal)
-    return tuple(_fault(what, reason, ordinals) for (what, reason), ordinals in groups.items())
+            for reason in sequence_detail(data, trial.number, sequence.name).pair_errors.values():
+                groups.setdefault(("pairs without an error", reason), []).append(trial.number)
+    return tuple(_fault(what, reason, numbers) for (what, reason), numbers in groups.items())
 
 
 def failures_panel(report: ReportInput) -> list[Block]:
@@ -81,13 +81,13 @@ def failures_panel(report: ReportInput) -> list[Block]:
     if not failures:
         blocks.append(markup.missing("No run failed."))
     if faults:
-        rows = [(one.what, one.reason, one.count, _trial_list(one.ordinals)) for one in faults]
+        rows = [(one.what, one.reason, one.count, _trial_list(one.numbers)) for one in faults]
         blocks.append(markup.table(["what", "reason", ">count", "trials"], rows))
     return blocks
 
 
-def _fault(what: str, reason: str, ordinals: list[int]) -> TrialFault:
-    return TrialFault(what, reason, len(ordinals), tuple(sorted(set(ordinals))))
+def _fault(what: str, reason: str, numbers: list[int]) -> TrialFault:
+    return TrialFault(what, reason, len(numbers), tuple(sorted(set(numbers))))
 
 
 def _failure(failure: RunFailure, report: ReportInput) -> Html:
@@ -95,16 +95,16 @@ def _failure(failure: RunFailure, report: ReportInput) -> Html:
     excerpt = "\n".join(log.rstrip().splitlines()[-report.lengths.log_lines :])
     title = f"{count(failure.runs, 'run')}: {failure.reason}"
     where = markup.paragraph(
-        f"On {', '.join(failure.sequences)}, {'trial' if len(failure.ordinals) == 1 else 'trials'} "
-        f"{_trial_list(failure.ordinals)}; the end of the log of {failure.example}:"
+        f"On {', '.join(failure.sequences)}, {'trial' if len(failure.numbers) == 1 else 'trials'} "
+        f"{_trial_list(failure.numbers)}; the end of the log of {failure.example}:"
     )
     shown = markup.element("pre", markup.text(excerpt)) if excerpt else markup.missing("The run printed nothing.")
     return markup.element("details", markup.element("summary", markup.text(title)), where, shown, open="")
 
 
-def _trial_list(ordinals: tuple[int, ...]) -> str:
-    shown = ", ".join(str(one) for one in ordinals[:_LISTED_TRIALS])
-    return shown + (f" and {len(ordinals) - _LISTED_TRIALS} more" if len(ordinals) > _LISTED_TRIALS else "")
+def _trial_list(numbers: tuple[int, ...]) -> str:
+    shown = ", ".join(str(one) for one in numbers[:_LISTED_TRIALS])
+    return shown + (f" and {len(numbers) - _LISTED_TRIALS} more" if len(numbers) > _LISTED_TRIALS else "")
 
 
 PANEL = Panel("Failures", failures_panel)

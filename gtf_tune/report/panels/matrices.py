@@ -71,14 +71,14 @@ def matrices_panel(report: ReportInput) -> list[Block]:
     compared = compared_trials(data)
     blocks: list[Block] = []
     for sequence in data.sequences:
-        found = [(name, ordinal, sequence_detail(data, ordinal, sequence.name)) for name, ordinal in compared]
+        found = [(name, number, sequence_detail(data, number, sequence.name)) for name, number in compared]
         colours = matrix_range([detail for _, _, detail in found], unit)
-        for name, ordinal, detail in found:
+        for name, number, detail in found:
             if not detail.matrix.size:
                 reason = detail.message or "it has no noisy runs"
-                blocks.append(markup.missing(f"{sequence.name}, {name} trial {ordinal}: no matrix, because {reason}."))
+                blocks.append(markup.missing(f"{sequence.name}, {name} trial {number}: no matrix, because {reason}."))
                 continue
-            title = f"{sequence.name}, {name} (trial {ordinal}): {_score_text(detail, unit)}"
+            title = f"{sequence.name}, {name} (trial {number}): {_score_text(detail, unit)}"
             drawn = matrix_figure(detail, unit, colours)
             blocks.append(Drawing(f"matrix {sequence.name} {name}", title, drawn))
     return blocks or [markup.missing("No trial is complete yet, so there is no matrix to show.")]

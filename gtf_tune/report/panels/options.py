@@ -46,7 +46,7 @@ class OptionCurve:
     @property
     def nominal(self) -> int | None:
         """Return the index of the nominal trial."""
-        return next((index for index, point in enumerate(self.points) if point.ordinal == 0), None)
+        return next((index for index, point in enumerate(self.points) if point.number == 0), None)
 
     @property
     def best(self) -> int | None:
@@ -64,7 +64,7 @@ def option_curve(points: PointSet, axis: OptionAxis, searched: int) -> OptionCur
     placed = [
         (axis.place(point.options[axis.option]), point) for point in points.points if axis.option in point.options
     ]
-    scored = sorted(((x, point) for x, point in placed if point.is_scored), key=lambda one: (one[0], one[1].ordinal))
+    scored = sorted(((x, point) for x, point in placed if point.is_scored), key=lambda one: (one[0], one[1].number))
     places = tuple(x for x, _ in scored)
     is_alone = searched == 1
     return OptionCurve(
@@ -252,7 +252,7 @@ class _Canvas:
         if not self.has_categories:
             return list(self.curve.places)
         return [
-            place + offset + _SPREAD * (point.ordinal * _GOLDEN % 1 - 0.5)
+            place + offset + _SPREAD * (point.number * _GOLDEN % 1 - 0.5)
             for place, point in zip(self.curve.places, self.curve.points, strict=True)
         ]
 

@@ -57,9 +57,9 @@ def history_figure(study: optuna.Study, points: PointSet) -> go.Figure:
     for trace, (name, style) in zip(drawn.data, _history_styles(points), strict=False):
         trace.update(name=name, **style)
     drawn.data = drawn.data[:2]
-    by_ordinal = {point.ordinal: point for point in points.points}
+    by_ordinal = {point.number: point for point in points.points}
     drawn.data[0].update(
-        hovertext=[trial_text(by_ordinal[ordinal], points) for ordinal in drawn.data[0].x], hoverinfo="text"
+        hovertext=[trial_text(by_ordinal[number], points) for number in drawn.data[0].x], hoverinfo="text"
     )
     for state, colour, symbol in _STATES:
         _add_state(drawn, points, state, (colour, symbol))
@@ -171,7 +171,7 @@ def _add_state(drawn: go.Figure, points: PointSet, state: str, style: tuple[str,
     if chosen:
         colour, symbol = style
         drawn.add_scatter(
-            x=[point.ordinal for point in chosen],
+            x=[point.number for point in chosen],
             y=[point.value if math.isfinite(point.value) else infeasible_level(points) for point in chosen],
             mode="markers",
             name=state,

@@ -32,7 +32,7 @@ class TimelineBar:
     lane: int
     start_s: float
     wall_s: float
-    ordinal: int
+    number: int
     kind: str
     index: int
     sequence: str
@@ -113,7 +113,7 @@ def _bar(one: TrialRun, begin: float, free_at: list[float]) -> TimelineBar:
         free_at.append(0.0)
     free_at[lane] = start_s + run.wall_s
     host = run.host or _UNKNOWN_HOST
-    return TimelineBar(host, lane, start_s, run.wall_s, one.ordinal, run.kind, run.index, one.sequence_name, run.status)
+    return TimelineBar(host, lane, start_s, run.wall_s, one.number, run.kind, run.index, one.sequence_name, run.status)
 
 
 def _kind(bar: TimelineBar) -> str:
@@ -122,7 +122,7 @@ def _kind(bar: TimelineBar) -> str:
 
 def _text(bar: TimelineBar) -> str:
     state = " (failed)" if bar.status == "failed" else ""
-    return f"trial {bar.ordinal}, {bar.kind} run {bar.index} of {bar.sequence}{state}<br>{duration(bar.wall_s)}"
+    return f"trial {bar.number}, {bar.kind} run {bar.index} of {bar.sequence}{state}<br>{duration(bar.wall_s)}"
 
 
 PANEL = Panel("Timeline of runs", timeline_panel)

@@ -26,7 +26,7 @@ def trials_panel(report: ReportInput) -> list[Block]:
 def _rank(point: TrialPoint) -> tuple[int, float, int]:
     order = ("feasible", "infeasible", "pruned", "failed", "running")
     value = point.value if math.isfinite(point.value) else math.inf
-    return order.index(point.state), value, point.ordinal
+    return order.index(point.state), value, point.number
 
 
 def _trial_table(points: PointSet, rows: list[TrialPoint], options: list[str]) -> Html:
@@ -41,11 +41,11 @@ def _trial_row(point: TrialPoint, points: PointSet, options: list[str], *, has_t
     nominal = points.nominal
     improvement = 1 - point.value / nominal.value if nominal and nominal.value else math.nan
     return [
-        f"{point.ordinal}{' (nominal)' if point.ordinal == 0 else ''}",
+        f"{point.number}{' (nominal)' if point.number == 0 else ''}",
         _state_cell(point),
         significant(point.value),
         interval(point.low, point.high),
-        percent(improvement) if point.ordinal else "-",
+        percent(improvement) if point.number else "-",
         *([significant(point.ground_truth)] if has_truth else []),
         share(point.coverage),
         share(point.collapsed),

@@ -36,20 +36,20 @@ def verdict_panel(report: ReportInput) -> list[Block]:
 def verdict_headline(verdict: Verdict) -> str:
     """Return the verdict in a few words."""
     if verdict.kind == "adopt":
-        return f"Adopt the options of trial {verdict.ordinal}"
+        return f"Adopt the options of trial {verdict.number}"
     if verdict.kind == "keep":
         return "Keep the nominal options"
     if verdict.kind == "neither":
         return "Neither the nominal options nor others are recommended"
     if verdict.kind == "unconfirmed":
-        return f"Trial {verdict.ordinal} is the best so far; not confirmed yet"
-    return "No verdict yet" if verdict.ordinal is None else "Keep the nominal options so far"
+        return f"Trial {verdict.number} is the best so far; not confirmed yet"
+    return "No verdict yet" if verdict.number is None else "Keep the nominal options so far"
 
 
 def verdict_sentences(data: StudyData, verdict: Verdict) -> list[str]:
     """Return what a reader must know beside the headline, one fact a sentence."""
     found = [_main_sentence(data, verdict)]
-    if math.isfinite(verdict.ground_truth) and verdict.ordinal:
+    if math.isfinite(verdict.ground_truth) and verdict.number:
         found.append(
             f"Against ground truth, which the search never saw, its error is {_better_or_worse(verdict.ground_truth)}."
         )
@@ -88,7 +88,7 @@ def _main_sentence(data: StudyData, verdict: Verdict) -> str:
             f"{better}{sure}.{doubt} These are the runs that made it the best of {count(len(data.feasible), 'trial')}, "
             f"which flatters it: confirm it with fresh seeds by gtf-tune study confirm {data.study.name}"
         )
-    if verdict.ordinal is None:
+    if verdict.number is None:
         return f"None of {count(len(data.trials), 'trial')} is feasible and complete so far."
     return f"None of {count(len(data.feasible) - 1, 'other feasible trial')} has a smaller {name} than nominal."
 
@@ -114,18 +114,16 @@ def _interval(verdict: Verdict) -> str:
 
 def _key_numbers(data: StudyData, verdict: Verdict, cost: StudyCost) -> Html:
     found = study_points(data)
-    points, unit = {point.ordinal: point for point in found.points}, found.unit
+    points, unit = {point.number: point for point in found.points}, found.unit
     facts: list[tuple[str, str, str]] = []
     if 0 in points and points[0].is_scored:
         facts.append((f"nominal {unit.name}", significant(points[0].value), unit.symbol))
-    if verdict.ordinal and points[verdict.ordinal].is_scored:
-        facts.append(
-            (f"trial {verdict.ordinal}'s {unit.name}", significant(points[verdict.ordinal].value), unit.symbol)
-        )
+    if verdict.number and points[verdict.number].is_scored:
+        facts.append((f"trial {verdict.number}'s {unit.name}", significant(points[verdict.number].value), unit.symbol))
         low, high = verdict.improvement.low, verdict.improvement.high
         sure = f"95 %: {100 * low:.1f} to {100 * high:.1f} %" if math.isfinite(low) else "against nominal"
         facts.append(("improvement", percent(verdict.improvement.value), sure))
-    if verdict.ordinal and math.isfinite(verdict.ground_truth):
+    if verdict.number and math.isfinite(verdict.ground_truth):
         facts.append(("against ground truth", percent(verdict.ground_truth), "side metric"))
     facts.append(("trials", str(len(data.trials)), _states(found)))
     facts.append(("runs", str(cost.made), f"{cost.reused} more reused, {cost.failed} failed"))
@@ -156,14 +154,14 @@ def _changes(verdict: Verdict) -> Html:
         )
         for change in verdict.changes
     ]
-    return markup.table(["option", ">nominal", f">trial {verdict.ordinal}"], rows)
+    return markup.table(["option", ">nominal", f">trial {verdict.number}"], rows)
 
 
 def _candidates(candidates: Sequence[Candidate]) -> Html:
     sequences = list(candidates[0].by_sequence)
     rows = [
         (
-            one.ordinal,
+            one.number,
             percent(one.improvement.value),
             _ends(one),
             significant(one.p_value, 2),

@@ -69,10 +69,11 @@ class Sequence(Base):
 
 
 class Trial(Base):
-    """Hold one slot of a study's budget and, once it is complete, its score.
+    """One trial of a study's budget and, once it has ended, its score.
 
-    ``claim`` is the token of the worker that works on the slot, NULL after a release. ``machine``, ``pid`` and
-    ``pid_started`` tell another process on the same machine whether that worker still lives.
+    ``number`` (column ``ordinal``) counts the trials of the study from 0. ``lease`` (column ``claim``) is the token of
+    the worker that works on the trial, NULL after a release. From ``machine``, ``pid`` and ``pid_started`` another
+    process on the same machine knows whether that worker is alive.
     """
 
     __tablename__ = "gtf_trial"
@@ -80,11 +81,11 @@ class Trial(Base):
 
     id: Mapped[int] = mapped_column(primary_key=True)
     study_id: Mapped[int] = mapped_column(_owned_by("gtf_study.id"))
-    ordinal: Mapped[int]
+    number: Mapped[int] = mapped_column("ordinal")
     optuna_trial_id: Mapped[int | None]
     optuna_number: Mapped[int | None]
     state: Mapped[str] = mapped_column(String(16))
-    claim: Mapped[str | None] = mapped_column(String(32), unique=True)
+    lease: Mapped[str | None] = mapped_column("claim", String(32), unique=True)
     attempts: Mapped[int]
     owner: Mapped[str]
     host: Mapped[str]

@@ -94,29 +94,29 @@ def _studies_without_optuna(database: Database) -> Iterator[str]:
             continue
         told = {trial._trial_id: trial for trial in storage.get_all_trials(optuna_id, deepcopy=False)}
         ours = models.Trial
-        scored = select(ours.ordinal, ours.optuna_trial_id, ours.value).where(ours.study_id == study_id)
+        scored = select(ours.number, ours.optuna_trial_id, ours.value).where(ours.study_id == study_id)
         ended = ours.state.in_(("complete", "pruned"))
-        for ordinal, trial_id, value in read_rows(database, scored.where(ended).order_by(ours.ordinal)):
+        for number, trial_id, value in read_rows(database, scored.where(ended).order_by(ours.number)):
             trial = told.get(trial_id)
             if trial is None:
-                yield f"trial {ordinal} of study '{name}' has no Optuna trial; restore a backup"
+                yield f"trial {number} of study '{name}' has no Optuna trial; restore a backup"
             elif trial.state.is_finished() and trial.values != [value]:
-                yield f"trial {ordinal} of study '{name}' has another score in Optuna's tables; restore a backup"
+                yield f"trial {number} of study '{name}' has another score in Optuna's tables; restore a backup"
 
 
 def _missing_trials(database: Database) -> Iterator[str]:
     """Yield gaps among the slots of a study, and scores without the runs that they come from."""
     trial = models.Trial
     spans = (
-        select(models.Study.name, func.count(trial.id), func.max(trial.ordinal)).join(trial).group_by(models.Study.id)
+        select(models.Study.name, func.count(trial.id), func.max(trial.number)).join(trial).group_by(models.Study.id)
     )
     for name, count, last in read_rows(database, spans):
         if count != last + 1:
             yield f"study '{name}' lacks {last + 1 - count} of its trials 0 to {last}; restore a backup"
-    scored = select(models.Study.name, trial.ordinal).join(trial).where(trial.state.in_(("complete", "pruned")))
+    scored = select(models.Study.name, trial.number).join(trial).where(trial.state.in_(("complete", "pruned")))
     lonely = ~select(models.TrialRun.run_id).where(models.TrialRun.trial_id == trial.id).exists()
-    for name, ordinal in read_rows(database, scored.where(lonely).order_by(models.Study.id, trial.ordinal)):
-        yield f"trial {ordinal} of study '{name}' has a score but no runs; restore a backup"
+    for name, number in read_rows(database, scored.where(lonely).order_by(models.Study.id, trial.number)):
+        yield f"trial {number} of study '{name}' has a score but no runs; restore a backup"
 
 
 def _bad_trajectories(database: Database) -> Iterator[str]:

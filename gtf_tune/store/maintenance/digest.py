@@ -11,7 +11,7 @@ from gtf_tune.store.database.session import read_rows
 def study_digest(database: Database, name: str) -> str:
     """Return the hex SHA-256 of what a study found out.
 
-    It covers the pixels of the sequences, the trials (ordinal, options, state, score to the bit), their runs (key,
+    It covers the pixels of the sequences, the trials (number, options, state, score to the bit), their runs (key,
     status, trajectory) and the side metric; not ids, hosts, times, or who made a run.
     """
     study = studies.get(database, name)
@@ -19,13 +19,13 @@ def study_digest(database: Database, name: str) -> str:
         {
             "sequences": [[one.name, one.fingerprint] for one in studies.sequences(database, study.id)],
             "trials": [
-                [one.ordinal, one.options, one.state, one.value, one.gtf_ate, one.feasible]
+                [one.number, one.options, one.state, one.value, one.gtf_ate, one.feasible]
                 for one in trials.of_study(database, study.id)
             ],
             "runs": _runs(database, study.id),
             "validations": [
-                [ordinal, one.sequence_name, one.value]
-                for ordinal, found in ground_truth_errors.of_study(database, study.id).items()
+                [number, one.sequence_name, one.value]
+                for number, found in ground_truth_errors.of_study(database, study.id).items()
                 for one in found
             ],
         }
@@ -35,7 +35,7 @@ def study_digest(database: Database, name: str) -> str:
 def _runs(database: Database, study_id: int) -> list[list[object]]:
     trial, link, run = models.Trial, models.TrialRun, models.Run
     query = (
-        select(trial.ordinal, link.sequence_name, link.kind, link.index, run.key, run.status, run.trajectory_digest)
+        select(trial.number, link.sequence_name, link.kind, link.index, run.key, run.status, run.trajectory_digest)
         .join(link, link.trial_id == trial.id)
         .join(run, run.id == link.run_id)
         .where(trial.study_id == study_id)

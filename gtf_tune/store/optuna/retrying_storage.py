@@ -20,11 +20,11 @@ from sqlalchemy.orm import Session
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import with_optuna
 
-SLOT_KEY = "gtf_tune:slot"
-"""System attribute that says which slot of a study's budget a trial belongs to."""
+NUMBER_KEY = "gtf_tune:slot"
+"""System attribute with the number of the trial in the study's budget."""
 
 # All of these may be done twice: they look, or set what a second call sets again. `create_new_trial` may, too, where
-# the trial names its slot.
+# the trial has such a number.
 _REPEATABLE = (
     "get_all_studies",
     "get_study_id_from_name",
@@ -76,8 +76,9 @@ class _Gathered(threading.local):
 class PatientStorage(RDBStorage):
     """Repeat calls that failed for a lock, a dropped connection or a restarting server, for at most two minutes.
 
-    A slot has one trial at any time: creating it again returns the one that is there. Optuna itself creates a second
-    one when the answer to its commit is lost, and so does a worker that was cut off while another took its slot over.
+    A number has one unfinished trial at any time: creating it again returns the one that is there. Optuna itself
+    creates a second one when the answer to its commit is lost, and so does a worker that was cut off while another took
+    its trial over.
 
     Raises `StorageError` where the fault does not pass.
     """
@@ -165,9 +166,9 @@ class PatientStorage(RDBStorage):
     def _get_prepared_new_trial(
         self, study_id: int, template_trial: FrozenTrial | None, session: Session
     ) -> models.TrialModel:
-        """Return the unfinished trial of the template's slot, or a new one; the study's row is locked by now."""
-        slot = template_trial.system_attrs.get(SLOT_KEY) if template_trial else None
-        found = None if slot is None else session.scalars(_of_slot(study_id, slot)).first()
+        """Return the unfinished trial of the template's number, or a new one; the study's row is locked by now."""
+        number = template_trial.system_attrs.get(NUMBER_KEY) if template_trial else None
+        found = None if number is None else session.scalars(_of_number(study_id, number)).first()
         return found or super()._get_prepared_new_trial(study_id, template_trial, session)
 
 
@@ -185,13 +186,13 @@ def gathered(storage: BaseStorage) -> Iterator[None]:
         yield
 
 
-def _of_slot(study_id: int, slot: int) -> Select[models.TrialModel]:
+def _of_number(study_id: int, number: int) -> Select[models.TrialModel]:
     trial, attribute = models.TrialModel, models.TrialSystemAttributeModel
     return (
         select(trial)
         .join(attribute, attribute.trial_id == trial.trial_id)
         .where(trial.study_id == study_id, trial.state.in_([TrialState.WAITING, TrialState.RUNNING]))
-        .where(attribute.key == SLOT_KEY, attribute.value_json == json.dumps(slot))
+        .where(attribute.key == NUMBER_KEY, attribute.value_json == json.dumps(number))
         .order_by(trial.number)
     )
 

@@ -13,17 +13,16 @@ from gtf_tune.errors import DefinitionError, TrajectoryError
 from gtf_tune.store import ground_truth_errors, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.ground_truth_errors import Validation
+from gtf_tune.store.studies import stored_definition
 from gtf_tune.store.trajectories import trajectories
-from gtf_tune.store.trial_queue import Slot
+from gtf_tune.store.trial_queue import TrialLease
 from gtf_tune.study.ground_truth.errors import side_metric
-from gtf_tune.study.open_study import OpenStudy, check_fingerprint, load_defined_sequence
-from gtf_tune.study.places import folder_of
+from gtf_tune.study.open_study import OpenStudy, check_fingerprint, folder_of, load_defined_sequence
 from gtf_tune.study.scoring.trial_scorer import ScoredTrial
-from gtf_tune.study.stored import stored_definition
 from gtf_tune.trajectory import Trajectory
 
 
-def record_side_metric(study: OpenStudy, slot: Slot, trial: Trial, scored: ScoredTrial) -> None:
+def record_side_metric(study: OpenStudy, lease: TrialLease, trial: Trial, scored: ScoredTrial) -> None:
     """Store the error of the clean runs against ground truth, on every sequence that has it.
 
     It goes to a table of its own, and as the user attribute ``gt_ate`` (``gt_ate_NAME`` for several sequences;
@@ -40,7 +39,7 @@ def record_side_metric(study: OpenStudy, slot: Slot, trial: Trial, scored: Score
             key = definition.key if len(study.sequences) == 1 else f"{definition.key}_{name}"
             trial.set_user_attr(key, measured.value)
     if found:
-        ground_truth_errors.save(study.database, slot.trial_id, found)
+        ground_truth_errors.save(study.database, lease.trial_id, found)
 
 
 def changed_side_metric(definition: SideMetricDefinition, changes: Mapping[str, Any]) -> SideMetricDefinition:
@@ -51,7 +50,7 @@ def changed_side_metric(definition: SideMetricDefinition, changes: Mapping[str, 
 def recompute_side_metric(
     database: Database, name: str, definition: SideMetricDefinition, places: Mapping[str, Path] | None = None
 ) -> dict[int, list[Validation]]:
-    """Return another side metric of the trials of a study by their ordinals, from the stored trajectories.
+    """Return another side metric of the trials of a study by their numbers, from the stored trajectories.
 
     Nothing is run and nothing is stored; ground truth is read from the data sets, whose pixels must be the study's.
     ``places`` gives the folders of sequences that lie elsewhere here.
@@ -71,13 +70,13 @@ def recompute_side_metric(
         )
     uses = [use for use in runs.of_study(database, study.id) if use.run.kind == "clean" and use.sequence_name in truths]
     by_trial: dict[tuple[int, str], list[str]] = defaultdict(list)
-    for use in sorted(uses, key=lambda use: (use.ordinal, use.run.index)):
-        by_trial[use.ordinal, use.sequence_name].append(use.run.key)
+    for use in sorted(uses, key=lambda use: (use.number, use.run.index)):
+        by_trial[use.number, use.sequence_name].append(use.run.key)
     stored = trajectories(database, list(dict.fromkeys(use.run.key for use in uses)))
     found: dict[int, list[Validation]] = {}
-    for (ordinal, sequence), keys in by_trial.items():
+    for (number, sequence), keys in by_trial.items():
         clean = [stored[key] for key in keys]
-        found.setdefault(ordinal, []).append(_validation(sequence, truths[sequence], clean, definition))
+        found.setdefault(number, []).append(_validation(sequence, truths[sequence], clean, definition))
     return found
 
 

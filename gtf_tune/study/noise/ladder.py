@@ -93,7 +93,7 @@ class NoiseProbe:
         common = self.gtf.model_copy(update={"common_noise": True})
         planner = RunPlanner(self.pipeline, common, SeedSource(self.seed, PURPOSE), self.options)
         return {
-            RunSlot(sequence.name, kind, index): planner.request(sequence, {}, (kind, index), sigma=sigma, ordinal=0)
+            RunSlot(sequence.name, kind, index): planner.request(sequence, {}, (kind, index), sigma=sigma, number=0)
             for kind, index in runs
         }
 

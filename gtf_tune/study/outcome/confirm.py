@@ -19,10 +19,9 @@ from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.noise.ladder import with_noise
-from gtf_tune.study.open_study import OpenStudy, check_fingerprint, load_defined_sequence
+from gtf_tune.study.open_study import OpenStudy, check_fingerprint, folder_of, load_defined_sequence
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
 from gtf_tune.study.outcome.recommendation import without_feasible_trial
-from gtf_tune.study.places import folder_of
 from gtf_tune.study.runs.plan import RunPlanner, run_order
 from gtf_tune.study.runs.run_source import RunSlot, RunSource
 from gtf_tune.study.runs.seeds import SeedSource
@@ -74,7 +73,7 @@ def plan_confirmation(
         )
     database, name = study.database, study.definition.name
     known = [one for one in trials.of_study(database, study.record.id) if one.state == "complete"]
-    nominal = next((one for one in known if one.ordinal == 0), None)
+    nominal = next((one for one in known if one.number == 0), None)
     if nominal is None:
         raise DefinitionError(f"study '{name}' has no complete nominal trial; run it with: gtf-tune study run {name}")
     if not any(one.feasible for one in known):
@@ -98,13 +97,13 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Conf
     measured = []
     for trial in (plan.nominal, *plan.candidates) if plan.candidates else ():
         scores, used = _measure(study, plan, trial.options or {}, source)
-        measured.append(Measured(trial.ordinal, trial.options or {}, scores))
+        measured.append(Measured(trial.number, trial.options or {}, scores))
         keys += used
     holdouts = frozenset(plan.sequences) - frozenset(study.sequences)
     findings = Findings(measured[0] if measured else None, tuple(measured[1:]), holdouts)
     result = judge(findings, study.definition.gtf)
     definition = {
-        "ordinals": [plan.nominal.ordinal, *(one.ordinal for one in plan.candidates)],
+        "ordinals": [plan.nominal.number, *(one.number for one in plan.candidates)],
         "sequences": list(plan.sequences),
         "clean_runs": study.definition.gtf.clean_runs,
         "noisy_runs": plan.noisy_runs,
@@ -116,11 +115,11 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Conf
 
 
 def _candidates(known: list[Trial], nominal: Trial, top: int) -> tuple[Trial, ...]:
-    better = [one for one in known if one.ordinal and one.feasible and one.value is not None and one.options]
+    better = [one for one in known if one.number and one.feasible and one.value is not None and one.options]
     if nominal.feasible and nominal.value is not None:
         better = [one for one in better if one.value is not None and one.value < nominal.value]
     chosen: list[Trial] = []
-    for trial in sorted(better, key=lambda one: (one.value, one.ordinal)):
+    for trial in sorted(better, key=lambda one: (one.value, one.number)):
         if len(chosen) < top and all(trial.options != one.options for one in (nominal, *chosen)):
             chosen.append(trial)
     return tuple(chosen)
@@ -166,7 +165,7 @@ def _requests(
     planner = RunPlanner(study.pipeline, gtf, seeds, definition.pipeline.options)
     return {
         RunSlot(name, kind, index): planner.request(
-            sequence, options, (kind, index), sigma=study.sigmas[name], ordinal=0
+            sequence, options, (kind, index), sigma=study.sigmas[name], number=0
         )
         for name, sequence in plan.sequences.items()
         for kind, index in run_order(gtf.clean_runs, plan.noisy_runs)

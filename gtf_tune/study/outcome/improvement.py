@@ -45,7 +45,7 @@ class Pick:
         """Tell whether nothing beats the nominal setting; a trial that repeats its options does not."""
         if self.best is None or self.nominal is None:
             return False
-        return self.best.ordinal == 0 or self.best.options == self.nominal.options
+        return self.best.number == 0 or self.best.options == self.nominal.options
 
 
 UNKNOWN_IMPROVEMENT = Improvement(math.nan, math.nan, math.nan, 0)

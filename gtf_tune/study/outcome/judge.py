@@ -34,7 +34,7 @@ LEAST_IMPROVEMENT = 0.02
 class Measured:
     """Hold one setting with its fresh score on each sequence."""
 
-    ordinal: int
+    number: int
     options: Mapping[str, OptionValue]
     scores: Mapping[str, GtfScore]
 
@@ -78,7 +78,7 @@ def judge(findings: Findings, gtf: GtfDefinition) -> dict[str, Any]:
         "adopted": adopted["ordinal"] if adopted else None,
         "candidates": rows,
         "nominal": {
-            "ordinal": nominal.ordinal,
+            "ordinal": nominal.number,
             "options": dict(nominal.options),
             "by_sequence": {name: _facts(score) for name, score in nominal.scores.items()},
         },
@@ -170,7 +170,7 @@ def _row(one: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset
     elif one.together.ratio > 1 - LEAST_IMPROVEMENT:
         reasons.append(f"better by less than {LEAST_IMPROVEMENT:.0%}, which is not worth a change")
     return {
-        "ordinal": one.candidate.ordinal,
+        "ordinal": one.candidate.number,
         "options": dict(one.candidate.options),
         **_improvement(one.together),
         "adjusted_p_value": adjusted,

@@ -30,12 +30,12 @@ class RunPlanner:
         run: tuple[RunKind, int],
         *,
         sigma: float,
-        ordinal: int,
+        number: int,
     ) -> RunRequest:
         """Return the request for one run of a trial; ``sigma`` is in grey levels and ignored by clean runs."""
         kind, index = run
         noisy = kind == "noisy"
-        salt = None if self.gtf.common_noise else ordinal
+        salt = None if self.gtf.common_noise else number
         return RunRequest(
             pipeline=self.pipeline,
             options=self.effective_options(options),

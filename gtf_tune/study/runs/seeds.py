@@ -19,20 +19,20 @@ class SeedSource:
     study_seed: int
     purpose: str = "search"
 
-    def run_seed(self, fingerprint: str, kind: RunKind, index: int, ordinal: int | None = None) -> int:
+    def run_seed(self, fingerprint: str, kind: RunKind, index: int, number: int | None = None) -> int:
         """Return the pipeline's seed for run ``index`` of a sequence; 31 bits.
 
-        ``ordinal`` is the trial's, where trials must not share noise, else ``None``.
+        ``number`` is the trial's, where trials must not share noise, else ``None``.
         """
-        return _hash(self.study_seed, self.purpose, "run", fingerprint, kind, index, ordinal) & _BITS_31
+        return _hash(self.study_seed, self.purpose, "run", fingerprint, kind, index, number) & _BITS_31
 
-    def noise_seed(self, fingerprint: str, index: int, ordinal: int | None = None) -> int:
+    def noise_seed(self, fingerprint: str, index: int, number: int | None = None) -> int:
         """Return the seed of the noise of noisy run ``index``; 63 bits."""
-        return _hash(self.study_seed, self.purpose, "noise", fingerprint, index, ordinal) & _BITS_63
+        return _hash(self.study_seed, self.purpose, "noise", fingerprint, index, number) & _BITS_63
 
-    def sampler_seed(self, ordinal: int) -> int:
+    def sampler_seed(self, number: int) -> int:
         """Return the sampler's seed for one trial; 31 bits. An interruption before it changes nothing."""
-        return _hash(self.study_seed, "sampler", ordinal) & _BITS_31
+        return _hash(self.study_seed, "sampler", number) & _BITS_31
 
 
 def _hash(*parts: object) -> int:

@@ -24,15 +24,15 @@ class Reference:
     incumbent: tuple[float, ...] = ()
 
 
-def read_reference(study: OpenStudy, ordinal: int) -> Reference:
-    """Return what the trial in slot ``ordinal`` is compared with.
+def read_reference(study: OpenStudy, number: int) -> Reference:
+    """Return what the trial in slot ``number`` is compared with.
 
     Raises
     ------
     DefinitionError
         Several sequences are tuned together and the nominal setting has no score on one of them.
     """
-    if ordinal == 0:
+    if number == 0:
         return Reference({name: least_floor(len(sequence)) for name, sequence in study.sequences.items()})
     nominal = trials.get(study.database, study.record.id, 0)
     detail = trials.details(study.database, [nominal.id])[nominal.id]["sequences"]
@@ -45,7 +45,7 @@ def read_reference(study: OpenStudy, ordinal: int) -> Reference:
             "compared over several sequences; leave that sequence out or fix options so that the nominal setting works"
         )
     value = nominal.value if nominal.feasible else None
-    return Reference(floors, scores, value, _incumbent(study, ordinal))
+    return Reference(floors, scores, value, _incumbent(study, number))
 
 
 def _floors(study: OpenStudy, nominal_id: int, detail: Mapping[str, Any]) -> dict[str, CoverageFloor]:
@@ -64,6 +64,6 @@ def _floors(study: OpenStudy, nominal_id: int, detail: Mapping[str, Any]) -> dic
     return floors
 
 
-def _incumbent(study: OpenStudy, ordinal: int) -> tuple[float, ...]:
-    best = trials.best(study.database, study.record.id, before=ordinal)
+def _incumbent(study: OpenStudy, number: int) -> tuple[float, ...]:
+    best = trials.best(study.database, study.record.id, before=number)
     return () if best is None else tuple(trials.details(study.database, [best.id])[best.id]["instances"])

@@ -14,11 +14,11 @@ from gtf_tune.errors import DefinitionError
 from gtf_tune.store import runs, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import TrialRun
+from gtf_tune.store.studies import stored_definition
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.scoring.coverage import CoverageFloor, coverage_floor, least_floor
 from gtf_tune.study.scoring.objective import FinishedRun, SequenceScore, TrialScore, score_sequence, score_trial
-from gtf_tune.study.stored import stored_definition
 
 RESCORABLE = ("aggregate", "metric", "alignment", "normalise", "rpe_delta", "rpe_delta_unit", "rpe_pairs")
 
@@ -38,7 +38,7 @@ class RescoredTrial:
 
 @dataclass(frozen=True)
 class Rescored:
-    """Hold a study scored anew, its trials by their ordinals."""
+    """Hold a study scored anew, its trials by their numbers."""
 
     gtf: GtfDefinition
     trials: tuple[RescoredTrial, ...]
@@ -61,21 +61,21 @@ def rescore(database: Database, name: str, changes: Mapping[str, Any]) -> Rescor
     definition = stored_definition(study)
     gtf = _changed(definition.gtf, changes)
     known = [one for one in trials.of_study(database, study.id) if one.state in ("complete", "pruned")]
-    if not known or known[0].ordinal != 0:
+    if not known or known[0].number != 0:
         raise DefinitionError(f"study '{name}' has no complete nominal trial; run it with: gtf-tune study run {name}")
     uses: dict[int, list[TrialRun]] = defaultdict(list)
     for use in runs.of_study(database, study.id):
-        uses[use.ordinal].append(use)
+        uses[use.number].append(use)
     floors = _floors(uses[0], gtf)
     scores: dict[int, TrialScore] = {}
     nominal_values: dict[str, float] = {}
     for trial in known:
-        by_sequence = _score_sequences(database, uses[trial.ordinal], floors if trial.ordinal else {}, gtf)
-        scores[trial.ordinal] = score_trial(by_sequence, nominal_values or None, gtf)
-        if trial.ordinal == 0:
+        by_sequence = _score_sequences(database, uses[trial.number], floors if trial.number else {}, gtf)
+        scores[trial.number] = score_trial(by_sequence, nominal_values or None, gtf)
+        if trial.number == 0:
             nominal_values = {key: one.score.value for key, one in by_sequence.items() if one.score and one.feasible}
             _check_nominal(by_sequence, name)
-    return Rescored(gtf, _ranked([RescoredTrial(trial, scores[trial.ordinal]) for trial in known]))
+    return Rescored(gtf, _ranked([RescoredTrial(trial, scores[trial.number]) for trial in known]))
 
 
 def _changed(gtf: GtfDefinition, changes: Mapping[str, Any]) -> GtfDefinition:
@@ -126,10 +126,10 @@ def _floors(uses: list[TrialRun], gtf: GtfDefinition) -> dict[str, CoverageFloor
 
 
 def _ranked(rescored: list[RescoredTrial]) -> tuple[RescoredTrial, ...]:
-    before = _ranks({one.trial.ordinal: one.trial.value for one in rescored if _counts(one.trial, one.trial.feasible)})
-    now = _ranks({one.trial.ordinal: one.score.value for one in rescored if _counts(one.trial, one.score.feasible)})
+    before = _ranks({one.trial.number: one.trial.value for one in rescored if _counts(one.trial, one.trial.feasible)})
+    now = _ranks({one.trial.number: one.score.value for one in rescored if _counts(one.trial, one.score.feasible)})
     return tuple(
-        RescoredTrial(one.trial, one.score, before.get(one.trial.ordinal, 0), now.get(one.trial.ordinal, 0))
+        RescoredTrial(one.trial, one.score, before.get(one.trial.number, 0), now.get(one.trial.number, 0))
         for one in rescored
     )
 
@@ -139,5 +139,5 @@ def _counts(trial: Trial, feasible: bool | None) -> bool:
 
 
 def _ranks(values: Mapping[int, float | None]) -> dict[int, int]:
-    order = sorted((value, ordinal) for ordinal, value in values.items() if value is not None)
-    return {ordinal: rank for rank, (_, ordinal) in enumerate(order, start=1)}
+    order = sorted((value, number) for number, value in values.items() if value is not None)
+    return {number: rank for rank, (_, number) in enumerate(order, start=1)}

@@ -46,7 +46,7 @@ class TrialRuns:
     study: OpenStudy
     source: RunSource
     options: Mapping[str, OptionValue]
-    ordinal: int
+    number: int
     _obtained: dict[RunSlot, ObtainedRun] = field(default_factory=dict)
     _finished: dict[RunSlot, FinishedRun] = field(default_factory=dict)
 
@@ -89,7 +89,7 @@ class TrialRuns:
                 self.options,
                 (slot.kind, slot.index),
                 sigma=self.study.sigmas[slot.sequence],
-                ordinal=self.ordinal,
+                number=self.number,
             )
             for slot in slots
             if slot not in self._obtained

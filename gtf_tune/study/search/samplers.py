@@ -77,16 +77,16 @@ def _with_value(trial: FrozenTrial, value: float) -> FrozenTrial:
     return copied
 
 
-def make_sampler(search: SearchDefinition, ordinal: int, space: SearchSpace) -> BaseSampler:
-    """Return the sampler that chooses the options of trial ``ordinal``.
+def make_sampler(search: SearchDefinition, number: int, space: SearchSpace) -> BaseSampler:
+    """Return the sampler that chooses the options of trial ``number``.
 
-    Its seed follows from the study's seed and the ordinal alone, so a resumed study goes on as if it had never stopped.
+    Its seed follows from the study's seed and the number alone, so a resumed study goes on as if it had never stopped.
     The quasi-random sampler keeps one seed: its points are one sequence, numbered by the trials after nominal. A grid
     is enqueued, and only trials beyond it fall back to random search.
     """
     require_extra(search.sampler)
     seeds = SeedSource(search.seed)
-    seed = seeds.sampler_seed(ordinal)
+    seed = seeds.sampler_seed(number)
     makers: dict[str, Any] = {
         "tpe": lambda: TPESampler(
             seed=seed, n_startup_trials=startup_trials(len(space.axes), search.trials or DEFAULT_TRIALS)
@@ -94,7 +94,7 @@ def make_sampler(search: SearchDefinition, ordinal: int, space: SearchSpace) -> 
         "refine": lambda: _refine(space, seeds.sampler_seed(0), seed),
         "gp": lambda: _FeasibleScale(seed=seed, deterministic_objective=False),
         "cmaes": lambda: CmaEsSampler(seed=seed, warn_independent_sampling=False),
-        "qmc": lambda: _NumberedPoints(max(ordinal - 1, 0), seeds.sampler_seed(0)),
+        "qmc": lambda: _NumberedPoints(max(number - 1, 0), seeds.sampler_seed(0)),
         "random": lambda: RandomSampler(seed=seed),
         "grid": lambda: RandomSampler(seed=seed),
     }

@@ -14,7 +14,7 @@ from gtf_tune.study.scoring.objective import TrialScore
 class TrialEnd:
     """Hold the end of a trial: its slot, options and score, and why it was stopped early where it was."""
 
-    ordinal: int
+    number: int
     options: Mapping[str, OptionValue]
     score: TrialScore
     noisy_runs: int
@@ -24,7 +24,7 @@ class TrialEnd:
 class StudyListener(RunListener, Protocol):
     """Hear of trials and runs; called from the thread that works on the trial."""
 
-    def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
+    def trial_started(self, number: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
         """Take note of a trial whose options are chosen."""
         ...
 
@@ -36,7 +36,7 @@ class StudyListener(RunListener, Protocol):
 class Silent:
     """Hear and do nothing."""
 
-    def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
+    def trial_started(self, number: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
         """Do nothing."""
 
     def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
@@ -58,10 +58,10 @@ class Several:
 
     listeners: tuple[StudyListener, ...]
 
-    def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
+    def trial_started(self, number: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
         """Pass it on."""
         for listener in self.listeners:
-            listener.trial_started(ordinal, options, planned_runs)
+            listener.trial_started(number, options, planned_runs)
 
     def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
         """Pass it on."""

@@ -15,9 +15,9 @@ _FAREWELL_S = 5.0
 
 
 class Heartbeat:
-    """Beat for every slot that this process holds, from a thread of its own.
+    """Beat for every lease that this process holds, from a thread of its own.
 
-    A beat that finds the slot taken over says so to the trial that works on it. A database that cannot be reached is
+    A beat that finds the lease taken over says so to the trial that works on it. A database that cannot be reached is
     tried again at the next beat, since the workers of the trial will hear of it themselves. Optuna's own heartbeat is
     not recorded on purpose: other Optuna programs fail stale trials that have one, and the next worker goes on with
     ours. ``after_beat`` is called between beats, from the thread.
@@ -29,21 +29,21 @@ class Heartbeat:
         self._database = database
         self._interval_s = interval_s
         self._after_beat = after_beat
-        self._held: dict[str, tuple[trial_queue.Slot, StopRequest]] = {}
+        self._held: dict[str, tuple[trial_queue.TrialLease, StopRequest]] = {}
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._beat_for_ever, name="heartbeat", daemon=True)
 
-    def hold(self, slot: trial_queue.Slot, stop: StopRequest) -> None:
-        """Start to beat for a slot; ``stop`` is asked to finish its runs if another worker takes the slot over."""
-        self._held[slot.claim] = (slot, stop)
+    def hold(self, lease: trial_queue.TrialLease, stop: StopRequest) -> None:
+        """Start to beat for a lease; ``stop`` is asked to finish its runs if another worker takes the lease over."""
+        self._held[lease.token] = (lease, stop)
 
-    def drop(self, slot: trial_queue.Slot) -> None:
-        """Stop to beat for a slot."""
-        self._held.pop(slot.claim, None)
+    def drop(self, lease: trial_queue.TrialLease) -> None:
+        """Stop to beat for a lease."""
+        self._held.pop(lease.token, None)
 
     @property
     def holds_any(self) -> bool:
-        """Tell whether this process works on a slot."""
+        """Tell whether this process works on a lease."""
         return bool(self._held)
 
     def __enter__(self) -> Self:
@@ -65,6 +65,6 @@ class Heartbeat:
                 continue
 
     def _beat_once(self) -> None:
-        for slot, stop in list(self._held.values()):
-            if not trial_queue.beat(self._database, slot) and slot.claim in self._held:
+        for lease, stop in list(self._held.values()):
+            if not trial_queue.renew(self._database, lease) and lease.token in self._held:
                 stop.ask(FINISH_RUNS)

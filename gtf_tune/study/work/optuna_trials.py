@@ -1,4 +1,4 @@
-"""Keep Optuna's trials in step with the slots of a study's budget."""
+"""Keep Optuna's trials in step with the trials of a study's budget."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -10,20 +10,20 @@ from optuna.exceptions import UpdateFinishedTrialError
 from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
 
-from gtf_tune.store.optuna.retrying_storage import SLOT_KEY
+from gtf_tune.store.optuna.retrying_storage import NUMBER_KEY
 
 _FIXED = "fixed_params"  # where Optuna's own enqueue_trial keeps the values that a trial must take
 _STATES = MappingProxyType({"complete": TrialState.COMPLETE, "pruned": TrialState.PRUNED})
 
 
-def create_for_slot(study: optuna.Study, ordinal: int, fixed: Mapping[str, Any] | None) -> int:
-    """Create the waiting Optuna trial of a slot, unless an earlier owner of the slot has, and return its id.
+def create_for_number(study: optuna.Study, number: int, fixed: Mapping[str, Any] | None) -> int:
+    """Create the waiting Optuna trial of a trial, unless an earlier worker has, and return its id.
 
     ``fixed`` are values that it must take; ``None`` lets the sampler choose.
     """
     template = create_trial(
         state=TrialState.WAITING,
-        system_attrs={SLOT_KEY: ordinal, **({_FIXED: dict(fixed)} if fixed is not None else {})},
+        system_attrs={NUMBER_KEY: number, **({_FIXED: dict(fixed)} if fixed is not None else {})},
     )
     return storage_of(study).create_new_trial(study_id_of(study), template_trial=template)
 

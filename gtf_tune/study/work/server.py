@@ -10,12 +10,9 @@ from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
-from gtf_tune.store.studies import Study
-from gtf_tune.study.create import open_study
-from gtf_tune.study.open_study import OpenStudy, trials_left
-from gtf_tune.study.places import SequencePlaces
+from gtf_tune.store.studies import Study, stored_definition
+from gtf_tune.study.open_study import OpenStudy, SequencePlaces, open_study, trials_left
 from gtf_tune.study.runs.stop import StopRequest
-from gtf_tune.study.stored import stored_definition
 from gtf_tune.study.work.callbacks import Several, Silent, StudyListener
 from gtf_tune.study.work.heartbeat import GRACE_S, INTERVAL_S
 from gtf_tune.study.work.worker import StudyWorker
@@ -26,7 +23,7 @@ _LONGEST_PAUSE_S = 10.0
 
 
 @dataclass(frozen=True)
-class ServingRules:
+class WorkerRules:
     """Say what a worker serves and when it leaves.
 
     ``names`` are the studies to serve, all where it is empty. ``idle_exit_s`` is how many seconds without work end it:
@@ -50,7 +47,7 @@ class _TrialCount(Silent):
     def __init__(self) -> None:
         self.trials = 0
 
-    def trial_started(self, ordinal: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
+    def trial_started(self, number: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
         self.trials += 1
 
 
@@ -74,7 +71,7 @@ class _Refusal:
 
 
 @dataclass(eq=False)
-class StudyServer:
+class WorkerLoop:
     """Take up open studies, oldest first, and go on to the next one where no trial is free.
 
     A study that cannot be worked on here (images missing or different, another version of the pipeline) is left to
@@ -84,14 +81,14 @@ class StudyServer:
 
     database: Database
     executor: Executor
-    rules: ServingRules
+    rules: WorkerRules
     stop: StopRequest = field(default_factory=StopRequest)
     announce: Callable[[str], None] = lambda text: None
     listen: Callable[[OpenStudy], StudyListener] = lambda study: Silent()
     _opened: dict[int, OpenStudy] = field(default_factory=dict)
     _refused: dict[int, _Refusal] = field(default_factory=dict)
 
-    def serve(self) -> None:
+    def run(self) -> None:
         """Serve until idle for long enough or asked to stop.
 
         Raises

@@ -1,4 +1,4 @@
-"""Run one trial from its slot to its result."""
+"""Run one trial from its lease to its result."""
 
 import itertools
 import threading
@@ -41,95 +41,95 @@ class TrialRunner:
     heartbeat: Heartbeat
     ask_lock: threading.Lock
 
-    def run(self, slot: trial_queue.Slot) -> None:
-        """Take a slot to its end.
+    def run(self, lease: trial_queue.TrialLease) -> None:
+        """Take a lease to its end.
 
-        Whatever goes wrong on the way, finished runs are stored, and the slot is given back for the next worker.
+        Whatever goes wrong on the way, finished runs are stored, and the lease is given back for the next worker.
 
         Raises
         ------
         Interrupted
-            Someone asked to stop, or another worker has taken the slot over.
+            Someone asked to stop, or another worker has taken the lease over.
         """
         stop = StopRequest(self.stop)
-        self.heartbeat.hold(slot, stop)
+        self.heartbeat.hold(lease, stop)
         try:
-            end = self._run(slot, stop)
-        except UpdateFinishedTrialError as error:  # another worker took the slot over, or someone told Optuna its end
-            trial_queue.release(self.study.database, slot)
+            end = self._run(lease, stop)
+        except UpdateFinishedTrialError as error:  # another worker took the lease over, or someone told Optuna its end
+            trial_queue.release(self.study.database, lease)
             raise Interrupted from error
         except BaseException:
-            trial_queue.release(self.study.database, slot)
+            trial_queue.release(self.study.database, lease)
             raise
         finally:
-            self.heartbeat.drop(slot)
+            self.heartbeat.drop(lease)
         self.listener.trial_finished(end)
 
-    def _run(self, slot: trial_queue.Slot, stop: StopRequest) -> TrialEnd:
+    def _run(self, lease: trial_queue.TrialLease, stop: StopRequest) -> TrialEnd:
         started = time.perf_counter()
-        trial, options = self._ask(slot)
-        reference = read_reference(self.study, slot.ordinal)
+        trial, options = self._ask(lease)
+        reference = read_reference(self.study, lease.number)
         source = self._source(stop)
         study = with_noise(self.study, self.study.sequences, source)
-        scored = self._score(trial, TrialRuns(study, source, options, slot.ordinal), reference)
+        scored = self._score(trial, TrialRuns(study, source, options, lease.number), reference)
         database = self.study.database
-        if not trial_queue.owns(database, slot):
+        if not trial_queue.is_held(database, lease):
             raise Interrupted
-        runs.link(database, slot.trial_id, scored.uses)
+        runs.link(database, lease.trial_id, scored.uses)
         wall_s = time.perf_counter() - started
         with gathered(trial.storage):
             set_attributes(trial, scored, reference, wall_s)
-            record_side_metric(self.study, slot, trial, scored)
+            record_side_metric(self.study, lease, trial, scored)
             if self.study.mismatch:
                 trial.set_user_attr("version", self.study.pipeline.version)
         result = trial_result(scored, wall_s)
         if self.study.mismatch:
             result = replace(result, detail={**result.detail, "version_mismatch": self.study.mismatch})
-        if not trial_queue.finish(database, slot, result):
+        if not trial_queue.finish(database, lease, result):
             raise Interrupted
         optuna_trials.tell(self.study.optuna_study, trial.number, scored.score.value, result.state)
         stopped = result.message if result.state == "pruned" else ""
-        return TrialEnd(slot.ordinal, options, scored.score, scored.noisy_runs, stopped)
+        return TrialEnd(lease.number, options, scored.score, scored.noisy_runs, stopped)
 
-    def _ask(self, slot: trial_queue.Slot) -> tuple[Trial, dict[str, OptionValue]]:
+    def _ask(self, lease: trial_queue.TrialLease) -> tuple[Trial, dict[str, OptionValue]]:
         study = self.study.optuna_study
         with self.ask_lock:
-            study.sampler = make_sampler(self.study.definition.search, slot.ordinal, self.study.space)
-            trial_id = slot.optuna_trial_id
+            study.sampler = make_sampler(self.study.definition.search, lease.number, self.study.space)
+            trial_id = lease.optuna_trial_id
             if trial_id is None or optuna_trials.is_finished(study, trial_id):
-                trial_id = with_optuna(self.study.database, lambda: self._create(slot))
+                trial_id = with_optuna(self.study.database, lambda: self._create(lease))
             trial = optuna_trials.start(study, trial_id)
             # All of its options at once: of some alone, whoever takes the trial over would draw others for the rest.
             with gathered(trial.storage):
                 options = self.study.space.suggest(trial)
-        if not trial_queue.attach_optuna_trial(self.study.database, slot, trial_id, trial.number, options):
+        if not trial_queue.attach_optuna_trial(self.study.database, lease, trial_id, trial.number, options):
             raise Interrupted
         gtf = self.study.definition.gtf
-        planned = (gtf.clean_runs + self.sizing.first(is_nominal=slot.ordinal == 0)) * len(self.study.sequences)
-        self.listener.trial_started(slot.ordinal, options, planned)
+        planned = (gtf.clean_runs + self.sizing.first(is_nominal=lease.number == 0)) * len(self.study.sequences)
+        self.listener.trial_started(lease.number, options, planned)
         return trial, options
 
-    def _create(self, slot: trial_queue.Slot) -> int:
-        """Create the Optuna trial of a slot: another one with the same options where someone else has ended the first.
+    def _create(self, lease: trial_queue.TrialLease) -> int:
+        """Create the Optuna trial of a lease: another one with the same options where someone else has ended the first.
 
         Whoever opens the storage with Optuna may do so: `optuna tell` is how a trial of a dead process is ended there.
         """
-        fixed = self._fixed(slot.ordinal) if slot.options is None else slot.options
-        return optuna_trials.create_for_slot(self.study.optuna_study, slot.ordinal, fixed)
+        fixed = self._fixed(lease.number) if lease.options is None else lease.options
+        return optuna_trials.create_for_number(self.study.optuna_study, lease.number, fixed)
 
-    def _fixed(self, ordinal: int) -> Mapping[str, OptionValue] | None:
+    def _fixed(self, number: int) -> Mapping[str, OptionValue] | None:
         """Return the values that a trial must take: nominal for trial 0, then the points of a grid."""
         space = self.study.space
-        if ordinal == 0:
+        if number == 0:
             return space.nominal
         if self.study.definition.search.sampler != "grid":
             return None
-        return next(itertools.islice(space.grid(), ordinal - 1, None), None)
+        return next(itertools.islice(space.grid(), number - 1, None), None)
 
     def _score(self, trial: Trial, runs_of_trial: TrialRuns, reference: Reference) -> ScoredTrial:
         """Obtain clean runs, then noisy ones as the sizing asks for them; stop as soon as the trial is infeasible."""
         scored = runs_of_trial.score(noisy=0, reference=reference)
-        count = self.sizing.first(is_nominal=runs_of_trial.ordinal == 0)
+        count = self.sizing.first(is_nominal=runs_of_trial.number == 0)
         while scored.score.feasible:
             scored = runs_of_trial.score(noisy=count, reference=reference)
             report_instances(trial, scored)

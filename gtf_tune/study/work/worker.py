@@ -1,4 +1,4 @@
-"""Work on a study: claim a slot, let the sampler choose, run, score, tell, until the budget is spent."""
+"""Work on a study: claim a lease, let the sampler choose, run, score, tell, until the budget is spent."""
 
 import random
 import threading
@@ -28,8 +28,8 @@ _SIGNAL_POLL_S = 0.5
 class StudyWorker:
     """Work on one open study in this process until its budget is spent or someone asks to stop.
 
-    Several workers, on one or many machines, may serve the same study: slots of the budget are handed out by the
-    database, each to one live worker, and the slots of dead workers are adopted with everything they had finished.
+    Several workers, on one or many machines, may serve the same study: trials of the budget are handed out by the
+    database, each to one live worker, and the trials of dead workers are adopted with everything they had finished.
     A worker looks at the state of its study before every trial and with every heartbeat: it takes no trial of a paused
     study, and gives its trial back where the study is stopped. ``beat_s`` is how often it says that it lives, and
     ``grace_s`` how long a worker may be silent before it counts as dead.
@@ -54,7 +54,7 @@ class StudyWorker:
         return self._work(trial_parallel, self._others_at_work)
 
     def work_while_free(self, trial_parallel: int = 1) -> bool:
-        """Work until no slot is free now, and return whether the study is complete.
+        """Work until no lease is free now, and return whether the study is complete.
 
         Raises
         ------
@@ -90,14 +90,14 @@ class StudyWorker:
         return self._close_if_complete()
 
     def _serve(self, runner: TrialRunner, may_free: Callable[[], bool]) -> None:
-        """Take slots one after the other; where there is none, wait as long as one ``may_free`` itself."""
+        """Take trials one after the other; where there is none, wait as long as one ``may_free`` itself."""
         pause_s = _FIRST_POLL_S
         while not runner.stop.level and self._is_open():
             self._tell_untold()
-            slot = self._next_slot()
-            if slot is not None:
+            lease = self._next_lease()
+            if lease is not None:
                 pause_s = _FIRST_POLL_S
-                self._run(runner, slot)
+                self._run(runner, lease)
             elif may_free():
                 runner.stop.wait(pause_s * random.uniform(0.5, 1.0))
                 pause_s = min(1.5 * pause_s, _LONGEST_POLL_S)
@@ -111,9 +111,9 @@ class StudyWorker:
         if studies.state(self.study.database, self.study.record.id) == "stopped":
             stop.ask(FINISH_RUNS)
 
-    def _run(self, runner: TrialRunner, slot: trial_queue.Slot) -> None:
+    def _run(self, runner: TrialRunner, lease: trial_queue.TrialLease) -> None:
         try:
-            runner.run(slot)
+            runner.run(lease)
         except Interrupted:
             return
         except BaseException as error:
@@ -129,13 +129,13 @@ class StudyWorker:
         except DeletedError as deleted:
             raise deleted from error
 
-    def _next_slot(self) -> trial_queue.Slot | None:
-        """Return a slot to work on, or ``None`` where there is none now."""
+    def _next_lease(self) -> trial_queue.TrialLease | None:
+        """Return a lease to work on, or ``None`` where there is none now."""
         database, study_id = self.study.database, self.study.record.id
         adopted = trial_queue.adopt_stale(database, study_id, self.worker, self.grace_s)
         if adopted is not None:
             return adopted
-        return trial_queue.claim_slot(database, study_id, self.study.budget, self.worker)
+        return trial_queue.lease_trial(database, study_id, self.study.budget, self.worker)
 
     def _tell_untold(self) -> None:
         """Tell Optuna the end of trials whose worker died between storing and telling it."""

@@ -12,13 +12,13 @@ from gtf_tune.store import studies, trial_queue, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import StoredRun
 from gtf_tune.store.workers import this_worker
-from gtf_tune.study.create import checked_definition, create_study, open_study
-from gtf_tune.study.places import SequencePlaces
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.open_study import SequencePlaces, open_study
 from gtf_tune.study.runs.run_source import RunSlot
 from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
-from gtf_tune.study.states import check_open, pause_study, reopen_study, stop_study
+from gtf_tune.study.states import pause_study, reopen_study, stop_study
 from gtf_tune.study.work.callbacks import Silent
-from gtf_tune.study.work.server import ServingRules, StudyServer
+from gtf_tune.study.work.server import WorkerLoop, WorkerRules
 from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import definition_of, write_sequence
 
@@ -36,11 +36,11 @@ def create(room: Path, database: Database) -> Create:
     return make
 
 
-def serve(database: Database, rules: ServingRules | None = None, stop: StopRequest | None = None) -> list[str]:
+def serve(database: Database, rules: WorkerRules | None = None, stop: StopRequest | None = None) -> list[str]:
     """Serve until nothing is left to do, and return what was announced."""
     said: list[str] = []
-    server = StudyServer(database, InlineExecutor(), rules or ServingRules(), stop or StopRequest(), said.append)
-    server.serve()
+    server = WorkerLoop(database, InlineExecutor(), rules or WorkerRules(), stop or StopRequest(), said.append)
+    server.run()
     return said
 
 
@@ -77,7 +77,7 @@ def test_only_the_named_studies_are_served(database: Database, create: Create) -
     create("one")
     create("two")
 
-    serve(database, ServingRules(names=("two",)))
+    serve(database, WorkerRules(names=("two",)))
 
     assert states(database) == {"one": "open", "two": "done"}
 
@@ -104,7 +104,7 @@ def test_sequences_are_found_by_name_below_the_data_root(
     (tmp_path / "here").mkdir()
     room.rename(tmp_path / "here" / "room")
 
-    serve(database, ServingRules(places=SequencePlaces(data_root=tmp_path / "here")))
+    serve(database, WorkerRules(places=SequencePlaces(data_root=tmp_path / "here")))
 
     assert states(database) == {"small": "done"}
 
@@ -114,7 +114,7 @@ def test_a_sequence_that_is_not_below_the_data_root_is_named(
 ) -> None:
     create()
 
-    (said,) = serve(database, ServingRules(places=SequencePlaces(data_root=tmp_path / "room" / "rgb")))
+    (said,) = serve(database, WorkerRules(places=SequencePlaces(data_root=tmp_path / "room" / "rgb")))
 
     assert "sequence 'room' is not in" in said
     assert "--sequence room=PATH" in said
@@ -127,7 +127,7 @@ def test_other_pixels_are_refused_with_the_reason(
     other = write_sequence(tmp_path / "other", ground_truth=False)
     (other / "rgb" / "000003.png").write_bytes((other / "rgb" / "000004.png").read_bytes())
 
-    (said,) = serve(database, ServingRules(places=SequencePlaces(named={"room": other})))
+    (said,) = serve(database, WorkerRules(places=SequencePlaces(named={"room": other})))
 
     assert "has other pixels than when the study began" in said
 
@@ -139,7 +139,7 @@ def test_another_version_is_refused_or_recorded_as_asked(
     monkeypatch.setattr("gtf_tune.pipelines.analytic.pipeline.VERSION", "2")
 
     (refused,) = serve(database)
-    serve(database, ServingRules(allow_version_mismatch=True))
+    serve(database, WorkerRules(allow_version_mismatch=True))
 
     assert "began with analytic 1, but 2 is installed here" in refused
     first = trials.get(database, study.id, 0)
@@ -150,23 +150,23 @@ def test_another_version_is_refused_or_recorded_as_asked(
 
 
 def test_a_worker_leaves_when_it_was_idle_for_long_enough(database: Database) -> None:
-    assert serve(database, ServingRules(idle_exit_s=0.2)) == []
+    assert serve(database, WorkerRules(idle_exit_s=0.2)) == []
 
 
 def test_a_worker_that_waits_for_studies_ends_when_asked(database: Database) -> None:
     stop = StopRequest()
     stop.ask(STOP_NOW)
 
-    assert serve(database, ServingRules(idle_exit_s=math.inf), stop) == []
+    assert serve(database, WorkerRules(idle_exit_s=math.inf), stop) == []
 
 
 def test_a_worker_takes_over_from_one_that_dies_late(database: Database, create: Create) -> None:
     study = create()
     elsewhere = replace(this_worker("there"), machine="another machine")
-    slot = trial_queue.claim_slot(database, study.id, 3, elsewhere)
-    assert slot is not None
+    lease = trial_queue.lease_trial(database, study.id, 3, elsewhere)
+    assert lease is not None
 
-    serve(database, ServingRules(grace_s=0.3))
+    serve(database, WorkerRules(grace_s=0.3))
 
     assert [one.attempts for one in trials.of_study(database, study.id)] == [2, 1, 1]
     assert states(database) == {"small": "done"}
@@ -176,7 +176,7 @@ def test_an_unfinished_copy_is_never_worked_on(database: Database, create: Creat
     studies.set_state(database, create().id, "copying")
 
     with pytest.raises(StorageError, match="unfinished copy; delete it with 'gtf-tune study delete small'"):
-        check_open(studies.get(database, "small"))
+        studies.check_open(studies.get(database, "small"))
     assert serve(database) == []
 
 
@@ -185,8 +185,8 @@ def test_a_stopped_study_opens_again(database: Database, create: Create) -> None
     stop_study(database, "small")
 
     with pytest.raises(StorageError, match="is stopped; open it with 'gtf-tune study resume small'"):
-        check_open(studies.get(database, "small"))
-    check_open(reopen_study(database, "small"))
+        studies.check_open(studies.get(database, "small"))
+    studies.check_open(reopen_study(database, "small"))
     serve(database)
 
     assert states(database) == {"small": "done"}
