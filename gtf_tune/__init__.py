@@ -1,5 +1,44 @@
-"""Tune Structure-from-Motion and visual SLAM without ground truth."""
+"""Tune Structure-from-Motion and visual SLAM without ground truth.
+
+Everything here is imported when it is first used, so that ``import gtf_tune`` takes no time.
+"""
+
+from importlib import import_module
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from gtf_tune.version import __version__
 
-__all__ = ["__version__"]
+if TYPE_CHECKING:
+    from gtf_tune.api.trajectories import gtf_ate, load_trajectories
+    from gtf_tune.errors import GtfTuneError
+    from gtf_tune.trajectory.value import Trajectory
+
+__all__ = [
+    "GtfTuneError",
+    "Trajectory",
+    "__version__",
+    "gtf_ate",
+    "load_trajectories",
+]
+
+_MODULES = MappingProxyType(
+    {
+        "GtfTuneError": "gtf_tune.errors",
+        "Trajectory": "gtf_tune.trajectory.value",
+        "gtf_ate": "gtf_tune.api.trajectories",
+        "load_trajectories": "gtf_tune.api.trajectories",
+    }
+)
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'gtf_tune' has no attribute '{name}'")
+    value: object = getattr(import_module(_MODULES[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

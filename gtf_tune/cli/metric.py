@@ -1,25 +1,28 @@
-"""Compare trajectory files, as evo does."""
+"""Errors and scores of trajectory files that any program wrote."""
 
+import math
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from gtf_tune.cli.matching import matched_files
 from gtf_tune.cli.parameters import Json
-from gtf_tune.cli.terminal.console import number, write_json, write_pairs
+from gtf_tune.cli.terminal.console import number, write_json, write_line, write_pairs, write_table
 from gtf_tune.cli.terminal.grouping import GroupedCommands
 
 if TYPE_CHECKING:
+    from gtf_tune.api.trajectories import GtfAte
     from gtf_tune.metrics import ErrorStatistics
     from gtf_tune.trajectory import FloatArray
 
-app = typer.Typer(cls=GroupedCommands, help="Compute trajectory errors from files.", no_args_is_help=True)
+app = typer.Typer(cls=GroupedCommands, help="Compute errors and scores of trajectory files.", no_args_is_help=True)
 
 
 class Format(StrEnum):
-    """Name the formats of trajectory files."""
+    """Formats of trajectory files."""
 
     auto = "auto"
     tum = "tum"
@@ -29,7 +32,7 @@ class Format(StrEnum):
 
 
 class Alignment(StrEnum):
-    """Name the alignments."""
+    """Alignments."""
 
     sim3 = "sim3"
     se3 = "se3"
@@ -37,14 +40,14 @@ class Alignment(StrEnum):
 
 
 class Relation(StrEnum):
-    """Name what a relative error measures."""
+    """What a relative error measures."""
 
     translation = "translation"
     rotation = "rotation"
 
 
 class Unit(StrEnum):
-    """Name the units of the distance between two poses."""
+    """Units of the distance between two poses."""
 
     frames = "frames"
     seconds = "seconds"
@@ -52,10 +55,26 @@ class Unit(StrEnum):
 
 
 class Pairs(StrEnum):
-    """Name the ways to pair poses."""
+    """Ways to pair poses."""
 
     all = "all"
     consecutive = "consecutive"
+
+
+class Aggregate(StrEnum):
+    """Ways to make one number of the errors of all pairs."""
+
+    median = "median"
+    mean = "mean"
+    gmean = "gmean"
+    trimmed = "trimmed"
+
+
+class Normalise(StrEnum):
+    """Units of the score."""
+
+    extent = "extent"
+    none = "none"
 
 
 Reference = Annotated[Path, typer.Argument(help="Reference trajectory (TUM, KITTI, EuRoC or COLMAP).")]
@@ -63,6 +82,12 @@ Estimate = Annotated[Path, typer.Argument(help="Estimated trajectory.")]
 AlignmentFlag = Annotated[Alignment, typer.Option("--alignment", help="How the estimate is laid on the reference.")]
 FormatFlag = Annotated[Format, typer.Option("--format", help="Format of both files.")]
 MaxDifference = Annotated[float, typer.Option("--max-difference", min=0.0, help="Association tolerance in seconds.")]
+Clean = Annotated[
+    list[str], typer.Option("--clean", metavar="PATH|GLOB", help="Trajectories from clean images; repeatable.")
+]
+Noisy = Annotated[
+    list[str], typer.Option("--noisy", metavar="PATH|GLOB", help="Trajectories from noisy images; repeatable.")
+]
 
 
 @app.command("ate")
@@ -111,6 +136,86 @@ def rpe(
     errors = rpe_errors(first, second, settings)
     _require_pairs(errors, f"{delta:g} {unit.value}", len(first))
     _write(summarise(errors), shown, json)
+
+
+@app.command("gtf")
+def gtf(
+    clean: Clean,
+    noisy: Noisy,
+    aggregate: Annotated[
+        Aggregate,
+        typer.Option("--aggregate", help="How the errors of all pairs become one number; mean is the paper's."),
+    ] = Aggregate.median,
+    normalise: Annotated[
+        Normalise, typer.Option("--normalise", help="Divide errors by the extent of the clean trajectory, or not.")
+    ] = Normalise.extent,
+    alignment: Annotated[
+        Alignment, typer.Option("--alignment", help="How a noisy trajectory is laid on a clean one.")
+    ] = Alignment.sim3,
+    format_: Annotated[Format, typer.Option("--format", help="Format of all files.")] = Format.auto,
+    max_difference: MaxDifference = 0.01,
+    json: Json = False,
+) -> None:
+    """Print the ground-truth-free score of trajectories that any program made.
+
+    Give the trajectories of runs on clean images and of runs on images with added noise, as files, COLMAP models,
+    folders of them, or glob patterns. Poses are associated by image name where all have names, else by time; by their
+    order only where the files hold no times and equally many poses.
+
+    Example: gtf-tune metric gtf --clean "runs/clean*.txt" --noisy "runs/noisy*.txt"
+    """
+    from gtf_tune.api.trajectories import gtf_ate, load_trajectories
+
+    score = gtf_ate(
+        load_trajectories(*clean, format=format_.value),
+        load_trajectories(*noisy, format=format_.value),
+        aggregate=aggregate.value,
+        alignment=alignment.value,
+        normalise=normalise.value,
+        max_difference_s=max_difference,
+    )
+    if json:
+        write_json(_score_values(score))
+    else:
+        _write_score(score)
+
+
+def _score_values(score: "GtfAte") -> dict[str, Any]:
+    arrays = {name: getattr(score, name).tolist() for name in ("matrix", "matched", "collapsed")}
+    errors = [{"clean": i, "noisy": j, "reason": reason} for (i, j), reason in score.pair_errors.items()]
+    return {**vars(score), **arrays, "pair_errors": errors}
+
+
+def _write_score(score: "GtfAte") -> None:
+    factor, unit = (1000, "‰ of extent") if score.unit == "extent" else (1, "unit of the clean trajectories")
+    known = all(map(math.isfinite, score.interval))
+    ends = " to ".join(number(factor * end) for end in score.interval)
+    low, high = score.matched.min(), score.matched.max()
+    write_pairs(
+        {
+            "GTF ATE": f"{number(factor * score.value)} {unit}",
+            "95 % interval": ends if known else "too few runs for an interval",
+            "associated by": score.association,
+            "matched poses": f"{low}" if low == high else f"{low} to {high}",
+            "collapsed": f"{score.collapsed.sum()} of {score.collapsed.size} noisy trajectories",
+        }
+    )
+    write_line("")
+    clean, noisy = (_short_names(names) for names in (score.clean, score.noisy))
+    rows = [[name, *(number(factor * error) for error in row)] for name, row in zip(clean, score.matrix, strict=True)]
+    write_table([f"[{unit}]", *(f">{name}" for name in noisy)], rows)
+    for (i, j), reason in score.pair_errors.items():
+        write_line(f"{score.clean[i]} and {score.noisy[j]}: {reason}")
+
+
+def _short_names(paths: Sequence[str]) -> list[str]:
+    """Return the paths without what all of them have in common at either end."""
+    parts = [Path(path).parts for path in paths]
+    while min(map(len, parts)) > 1 and len({names[0] for names in parts}) == 1:
+        parts = [names[1:] for names in parts]
+    while min(map(len, parts)) > 1 and len({names[-1] for names in parts}) == 1:
+        parts = [names[:-1] for names in parts]
+    return ["/".join(names) for names in parts]
 
 
 def _require_pairs(errors: "FloatArray", distance: str, poses: int) -> None:

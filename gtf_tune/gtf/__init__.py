@@ -1,9 +1,9 @@
-"""Score a setting without ground truth: by how much noisy runs differ from clean ones."""
+"""The ground-truth-free score of a configuration: how much noisy runs differ from clean ones."""
 
 from gtf_tune.gtf.aggregate import Aggregate, aggregate_instances, aggregate_matrix
 from gtf_tune.gtf.collapse import common_collapses, find_collapsed
 from gtf_tune.gtf.comparison import PairedDifference, difference_over_sequences, holm, paired_difference
-from gtf_tune.gtf.score import GtfScore, gtf_score
+from gtf_tune.gtf.score import GtfScore, gtf_score, score_of_pairs
 from gtf_tune.gtf.settings import GtfMetric, GtfSettings, Normalise
 from gtf_tune.gtf.uncertainty import Estimate, estimate
 
@@ -24,4 +24,5 @@ __all__ = [
     "gtf_score",
     "holm",
     "paired_difference",
+    "score_of_pairs",
 ]

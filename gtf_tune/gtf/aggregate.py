@@ -13,7 +13,7 @@ from gtf_tune.trajectory import FloatArray
 Aggregate = Literal["mean", "median", "gmean", "trimmed"]
 
 TRIMMED_SHARE = 0.25
-"""Share of the values that the trimmed mean drops at each end, rounded up: with it one bad column of four is gone."""
+"""Share of the values that the trimmed mean drops at each end, rounded up, so that it drops one bad column of four."""
 
 
 def aggregate_matrix(matrix: FloatArray, aggregate: Aggregate) -> float:

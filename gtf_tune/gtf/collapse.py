@@ -19,8 +19,8 @@ def find_collapsed(matrix: FloatArray, noisy_noisy: FloatArray | None = None) ->
     logarithm (median absolute deviation, Iglewicz and Hoaglin, 1993). Its error is the smallest over clean runs: a run
     that agrees with any clean run has not collapsed.
 
-    With fewer than 3 noisy runs nobody can say which is the odd one, and none is marked; when half of them or more
-    collapse, the median is theirs and they are not found.
+    With fewer than 3 noisy runs no run can be called the outlier, and none is marked. Where half of them or more
+    collapse, the median is that of collapsed runs, and they are not found.
 
     Parameters
     ----------
@@ -38,10 +38,10 @@ def find_collapsed(matrix: FloatArray, noisy_noisy: FloatArray | None = None) ->
 
 
 def common_collapses(a: FloatArray, b: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Return which noisy runs collapsed under two settings by one limit, (k_delta,) each.
+    """Return which noisy runs collapsed under two configurations by one limit, (k_delta,) each.
 
-    What is far out under the more precise setting is far out under both: where most runs of a setting collapse its own
-    median cannot tell, and a run that is as good as the other setting's usual ones is no collapse to hold against it.
+    The limit is that of the more precise configuration: where most runs of a configuration collapse, its own median
+    does not show it, and a run that is as good as the usual ones of the other configuration has not collapsed.
 
     Parameters
     ----------

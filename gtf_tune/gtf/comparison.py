@@ -1,11 +1,11 @@
-"""Tell whether one setting is more precise than another, noise instance by noise instance.
+"""Compare the precision of two configurations, noise instance by noise instance.
 
-Noise instances are common to settings, so the ratio of errors of the same instance varies less than the errors do.
+Noise instances are common to configurations, so the ratio of errors of one instance varies less than the errors do.
 Clean runs are paired too. `benchmarks/interval_coverage.py` measures this test beside the usual ones, at 5 %, k = 2 and
-k_delta = 4 to 12: false alarms in 3 to 6 % where clean runs of a setting agree within 2 %, in up to 9 % where they
-differ by 15 %, which a t test or Wilcoxon's over instances takes for a difference of settings (12 to 26 %). With 5 % of
-noisy runs collapsing it finds a gain of 26 % twice as often as the t test, and Wilcoxon's cannot find any before the
-sixth instance.
+k_delta = 4 to 12: false alarms in 3 to 6 % where clean runs of a configuration agree within 2 %, in up to 9 % where
+they differ by 15 %, which a t test or Wilcoxon's over instances takes for a difference of configurations (12 to 26 %).
+With 5 % of noisy runs collapsing it finds a gain of 26 % twice as often as the t test; Wilcoxon's cannot find any
+before the sixth instance.
 """
 
 import math
@@ -23,7 +23,7 @@ from gtf_tune.trajectory import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class PairedDifference:
-    """Hold how much smaller or larger the errors of setting b are than those of setting a.
+    """How much smaller or larger the errors of configuration b are than those of configuration a.
 
     Attributes
     ----------
@@ -34,10 +34,10 @@ class PairedDifference:
     n
         Noise instances that were compared.
     left_out
-        (m,) which of the common instances were not: they failed under one of the settings, or their ratio is far from
-        the others', as a reconstruction fell apart. That is fragility, to be reported beside precision.
+        (m,) which of the common instances were not: they failed under one of the configurations, or their ratio is far
+        from the others', as a reconstruction fell apart. That is fragility, to be reported beside precision.
     collapsed_a, collapsed_b
-        How many of the common instances collapsed under each setting.
+        How many of the common instances collapsed under each configuration.
     """
 
     ratio: float
@@ -56,14 +56,14 @@ class PairedDifference:
 
 
 def paired_difference(a: GtfScore, b: GtfScore, confidence: float = CONFIDENCE) -> PairedDifference:
-    """Compare the errors of two settings under the same noise.
+    """Compare the errors of two configurations under the same noise.
 
     The test is Student's on the logarithms of error ratios, (k, k_delta), with the variance of a two-way table
     (`two_way_spread`), after leaving out the noise instances whose ratio lies far from the median (by a factor of 5 and
-    3.5 median absolute deviations, so always fewer than half): one collapsed run would hide any difference. Settings
-    are compared by geometric means whatever their aggregate is.
+    3.5 median absolute deviations, so always fewer than half): one collapsed run would hide any difference.
+    Configurations are compared by geometric means whatever their aggregate is.
 
-    Where one score has more noise instances than the other, the first ones, which both have, are compared.
+    Where one score has more noise instances than the other, those that both have are compared.
 
     Raises
     ------
@@ -76,10 +76,11 @@ def paired_difference(a: GtfScore, b: GtfScore, confidence: float = CONFIDENCE) 
 def difference_over_sequences(
     pairs: Sequence[tuple[GtfScore, GtfScore]], confidence: float = CONFIDENCE
 ) -> PairedDifference:
-    """Compare two settings, (score of a, score of b) on each sequence, by the geometric mean of ratios over sequences.
+    """Compare two configurations over sequences by the geometric mean of error ratios.
 
-    What fell apart is left out sequence by sequence: in a mean over sequences one collapse is too small to be seen as
-    such and large enough to hide a difference. Counts are sums over sequences.
+    ``pairs`` are (score of a, score of b) on each sequence. Outliers are left out of each sequence on its own: in a
+    mean over sequences one collapse is too small to be recognised and large enough to hide a difference. Counts are
+    sums over sequences.
 
     Raises
     ------

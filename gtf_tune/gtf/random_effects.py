@@ -1,4 +1,4 @@
-"""Work on tables of errors over clean and noisy runs with numpy alone, so that reading a study need not wait for scipy.
+"""Statistics of tables of errors over clean and noisy runs, with numpy alone: reading a study need not import scipy.
 
 Rows are clean runs, columns noisy ones, (k, k_delta). All pairs of a clean run share it and all pairs of a noisy run
 share that, so the variance of a mean over such a table is that of a two-way table with random rows and columns (Searle,
@@ -30,7 +30,7 @@ FEWEST_INSTANCES = 2
 
 @dataclass(frozen=True)
 class Spread:
-    """Hold the variance of an estimate and the degrees of freedom of that variance."""
+    """Variance of an estimate, and the degrees of freedom of that variance."""
 
     variance: float
     freedom: float
@@ -70,11 +70,14 @@ def far_above_median(values: FloatArray) -> BoolArray:
 def far_above_either_median(a: FloatArray, b: FloatArray) -> tuple[BoolArray, BoolArray]:
     """Return which values of two series, (n,) and (m,), lie far above the smaller of their medians, NaN never.
 
-    One limit for both, that of the series whose median is smaller: where most of a series are outliers, its own median
-    is one of them.
+    Both have one limit, that of the series with the smaller median: where most values of a series are outliers, so is
+    its median.
     """
     first, second = _logarithms(a), _logarithms(b)
-    medians = [float(np.median(one[~np.isnan(one)])) if (~np.isnan(one)).any() else math.inf for one in (first, second)]
+    medians = [
+        float(np.median(series[~np.isnan(series)])) if (~np.isnan(series)).any() else math.inf
+        for series in (first, second)
+    ]
     lower = first if medians[0] <= medians[1] else second
     _, limit = _deviations(lower)
     return first - min(medians) > limit, second - min(medians) > limit
@@ -87,10 +90,10 @@ def far_from_median(logarithms: FloatArray) -> BoolArray:
 
 
 def compared_table(a: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return log(error b / error a), (k, n >= 2), of two settings under the same noise, and what it leaves out, (m,).
+    """Return log(error b / error a), (k, n >= 2), of configurations under the same noise, and what is left out, (m,).
 
-    Left out of the m noise instances that both have are those that failed under one of the settings and those whose
-    ratio lies far from the others', as a reconstruction fell apart; clean runs that failed as a whole are left out too.
+    Of the m noise instances that both have, those are left out that failed under one of the configurations or whose
+    ratio lies far from the others', as a reconstruction fell apart. Clean runs that failed as a whole are left out too.
 
     Raises
     ------
@@ -105,8 +108,8 @@ def compared_table(a: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]
     if not len(table) or table.shape[1] < FEWEST_INSTANCES:
         worked = table.shape[1] if len(table) else 0
         raise TrajectoryError(
-            f"expected at least {FEWEST_INSTANCES} noise instances that worked under both settings, not {worked}; "
-            "add noisy runs"
+            f"expected at least {FEWEST_INSTANCES} noise instances that worked under both configurations, not "
+            f"{worked}; add noisy runs"
         )
     return table, left_out
 
@@ -130,9 +133,9 @@ def mean_difference(tables: Sequence[FloatArray]) -> tuple[float, Spread]:
 def _log_ratios(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return log(error b / error a) of the pairs that both have; NaN where either failed or has no error at all."""
     if len(a) != len(b):
-        raise TrajectoryError(f"expected as many clean runs of both settings, not {len(a)} and {len(b)}")
+        raise TrajectoryError(f"expected as many clean runs of both configurations, not {len(a)} and {len(b)}")
     common = min(a.shape[1], b.shape[1])
-    first, second = (np.where(one[:, :common] > 0, one[:, :common], np.nan) for one in (a, b))
+    first, second = (np.where(table[:, :common] > 0, table[:, :common], np.nan) for table in (a, b))
     logarithms: FloatArray = np.log(second) - np.log(first)
     return logarithms[~np.isnan(logarithms).all(axis=1)]
 

@@ -1,4 +1,4 @@
-"""Compute the ground-truth-free score of one setting."""
+"""The ground-truth-free score of one configuration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,14 +15,14 @@ from gtf_tune.trajectory import BoolArray, FloatArray, IntArray, Trajectory
 
 @dataclass(frozen=True, eq=False)
 class GtfScore:
-    """Hold the score of one setting with everything it was made from.
+    """Score of one configuration, with everything it was made from.
 
     Attributes
     ----------
     value
-        The aggregate over all pairs that could be measured; smaller is more precise. NaN when none could. A caller that
-        minimises it must look at the coverage and at ``pair_errors`` too: trajectories that cannot be compared have no
-        error.
+        The aggregate over all pairs that could be measured; smaller is more precise. NaN when none could. Whoever
+        minimises it has to look at the coverage and at ``pair_errors`` too: trajectories that cannot be compared have
+        no error.
     standard_error, confidence_interval
         Of ``value``, in its unit; 95 %, see `gtf_tune.gtf.uncertainty`. NaN where not estimable.
     matrix
@@ -101,6 +101,23 @@ def gtf_score(
         Frame ids only count the poses of a file, and the trajectories have different ones.
     """
     pairs = pairwise_matrix(clean, noisy, settings.pair_metric)
+    return score_of_pairs(pairs, settings, [len(run) for run in clean], [len(run) for run in noisy], num_frames)
+
+
+def score_of_pairs(
+    pairs: PairMatrix, settings: GtfSettings, clean: Sequence[int], noisy: Sequence[int], num_frames: int
+) -> GtfScore:
+    """Return the score of pairs whose errors are known (paper, eq. "metric").
+
+    Parameters
+    ----------
+    pairs
+        (k, k_delta) errors of the noisy against the clean runs, by ``settings.pair_metric``.
+    clean, noisy
+        Registered frames of the k clean and the k_delta noisy runs.
+    num_frames
+        Number of frames of the sequence, for the coverage.
+    """
     matrix = _in_unit(pairs, settings)
     found = estimate(matrix, settings.aggregate, np.random.default_rng(settings.bootstrap_seed))
     return GtfScore(
@@ -127,5 +144,5 @@ def _in_unit(pairs: PairMatrix, settings: GtfSettings) -> FloatArray:
     return pairs.errors / pairs.extents if settings.is_relative else pairs.errors
 
 
-def _coverage(trajectories: Sequence[Trajectory], num_frames: int) -> FloatArray:
-    return np.array([len(trajectory) / num_frames for trajectory in trajectories], dtype=np.float64)
+def _coverage(registered: Sequence[int], num_frames: int) -> FloatArray:
+    return np.array([frames / num_frames for frames in registered], dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Say how the ground-truth-free score is formed."""
+"""How the ground-truth-free score is formed."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _HALF_TURN_DEG = 180.0
 
 @dataclass(frozen=True)
 class GtfSettings:
-    """Choose the metric of a pair, its unit, and how the matrix of pairs becomes one number.
+    """Metric of a pair, its unit, and how the matrix of pairs becomes one number.
 
     Attributes
     ----------
@@ -64,7 +64,7 @@ class GtfSettings:
 
     @property
     def is_relative(self) -> bool:
-        """Tell whether scores are fractions of the extent."""
+        """Whether scores are fractions of the extent."""
         return self.normalise == "extent" and self.metric != "rpe_rotation"
 
     @property

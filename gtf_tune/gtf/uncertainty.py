@@ -1,4 +1,4 @@
-"""Say how far a score can be trusted.
+"""Standard errors and confidence intervals of scores.
 
 Pairs (clean i, noisy j) are not independent: all pairs of a clean run share it, and so do all pairs of a noisy run. The
 variance of a mean over a (k, k_delta) matrix is therefore that of a two-way table (`gtf_tune.gtf.random_effects`).
@@ -6,7 +6,7 @@ variance of a mean over a (k, k_delta) matrix is therefore that of a two-way tab
 `benchmarks/interval_coverage.py` measures how often these intervals hold the truth and is the reason for each choice
 here. With k = 2 and k_delta = 4 to 12 the 95 % interval does so in 94 to 97 % (98 % for medians of few runs). When 5 %
 of noisy runs collapse, ``median`` and ``trimmed`` keep that; ``gmean`` falls to 68 to 91 % and ``mean`` to 15 to 43 %:
-no interval can know of a collapse that it has not seen.
+an interval cannot cover a collapse that did not occur in its runs.
 """
 
 import math
@@ -25,7 +25,7 @@ RESAMPLES = 1000
 
 @dataclass(frozen=True)
 class Estimate:
-    """Hold an aggregate with its standard error and the ends of its confidence interval, NaN where not estimable."""
+    """An aggregate with its standard error and the ends of its confidence interval, NaN where not estimable."""
 
     value: float
     standard_error: float
@@ -47,7 +47,7 @@ def estimate(
     the two-way table; for ``gmean``, that of the table of logarithms; for ``median`` and ``trimmed``, whose formula is
     unknown, that of a bootstrap over noisy runs plus the clean runs' share of the table of logarithms. Quantiles are
     Student's with Satterthwaite's degrees of freedom. Only noisy runs without failed pairs count. With one clean run
-    its own variation cannot be seen and is left out; with one noisy run nothing can be said.
+    its own variation is unknown and left out; with one noisy run there is no interval.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Measure errors between trajectories."""
+"""Errors between trajectories."""
 
-from gtf_tune.metrics.pairwise import PairMatrix, pairwise_matrix
+from gtf_tune.metrics.pairwise import PairMatrix, associated_matrix, pairwise_matrix
 from gtf_tune.metrics.settings import (
     AteSettings,
     DeltaUnit,
@@ -24,6 +24,7 @@ __all__ = [
     "RpeSettings",
     "align",
     "aligned_errors",
+    "associated_matrix",
     "ate",
     "check_word",
     "pairwise_matrix",

@@ -1,4 +1,4 @@
-"""Measure many pairs of trajectories at once."""
+"""Errors of many pairs of trajectories at once."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from gtf_tune.metrics.relative import matched_paths, relative_errors
 from gtf_tune.metrics.settings import AteSettings, MetricSettings, RpeSettings
 from gtf_tune.metrics.stack import PairBlock, align_block, common_frames, stack
 from gtf_tune.metrics.statistics import rms
-from gtf_tune.trajectory import FloatArray, IntArray, Trajectory
+from gtf_tune.trajectory import MAX_DIFFERENCE_S, Association, FloatArray, IntArray, Trajectory, associate, matched
 
 PAPER_METRIC = AteSettings()
 
@@ -19,7 +19,7 @@ _BLOCK_COLUMNS = 32_768
 
 @dataclass(frozen=True, eq=False)
 class PairMatrix:
-    """Hold the errors of all pairs of two lists of trajectories.
+    """Errors of all pairs of two lists of trajectories.
 
     Attributes
     ----------
@@ -70,6 +70,45 @@ def pairwise_matrix(
     return PairMatrix(errors, extents, matched, reasons)
 
 
+def associated_matrix(
+    a: Sequence[Trajectory],
+    b: Sequence[Trajectory],
+    association: Association,
+    settings: MetricSettings = PAPER_METRIC,
+    max_difference_s: float = MAX_DIFFERENCE_S,
+) -> PairMatrix:
+    """Return the error of every trajectory of b against every one of a, each pair associated on its own.
+
+    This is `pairwise_matrix` for trajectories whose frame ids do not say which poses belong together; see
+    `gtf_tune.trajectory.associate`.
+
+    Raises
+    ------
+    TrajectoryError
+        A pair cannot be associated.
+    """
+    pairs = [
+        [pairwise_matrix(*_matched(first, second, association, max_difference_s), settings) for second in b]
+        for first in a
+    ]
+    shape = len(a), len(b)
+    return PairMatrix(
+        errors=np.array([pair.errors for row in pairs for pair in row]).reshape(shape),
+        extents=np.array([pair.extents for row in pairs for pair in row]).reshape(shape),
+        matched=np.array([pair.matched for row in pairs for pair in row], dtype=np.int64).reshape(shape),
+        reasons={
+            (i, j): pair.reasons[0, 0] for i, row in enumerate(pairs) for j, pair in enumerate(row) if pair.reasons
+        },
+    )
+
+
+def _matched(
+    a: Trajectory, b: Trajectory, association: Association, max_difference_s: float
+) -> tuple[list[Trajectory], list[Trajectory]]:
+    first, second = matched(a, b, associate(a, b, association, max_difference_s))
+    return [first], [second]
+
+
 def _blocks(shape: tuple[int, int], frames: int) -> Iterator[tuple[int, slice]]:
     """Yield each row of the matrix with neighbouring columns of it."""
     size = max(1, _BLOCK_COLUMNS // max(frames, 1))
@@ -84,7 +123,8 @@ def _relative_rmse(a: Trajectory, b: Sequence[Trajectory], block: PairBlock, set
     The loop is over pairs, because which poses make a pair is found greedily; the poses are done at once.
     """
     scales = block.scales.tolist()
-    errors = [relative_errors(*matched_paths(a, one, scale), settings) for one, scale in zip(b, scales, strict=True)]
+    paths = [matched_paths(a, source, scale) for source, scale in zip(b, scales, strict=True)]
+    errors = [relative_errors(*path, settings) for path in paths]
     return np.array([rms(values) if len(values) else np.nan for values in errors])
 
 

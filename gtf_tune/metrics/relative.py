@@ -1,4 +1,4 @@
-"""Measure the relative pose error of pairs of trajectories.
+"""The relative pose error of pairs of trajectories.
 
 The error of poses i and j is the motion from i to j in one trajectory, undone by the same motion in the other (Sturm et
 al., "A benchmark for the evaluation of RGB-D SLAM systems", IROS 2012). Rotations and translations of the alignment
@@ -20,7 +20,7 @@ PosePairIndices = tuple[IntArray, IntArray]
 
 @dataclass(frozen=True, eq=False)
 class PosePath:
-    """Hold matched poses in order: ``times`` (m,) s, ``positions`` (m, 3), ``quaternions`` (m, 4) world_from_camera."""
+    """Matched poses in order: ``times`` (m,) s, ``positions`` (m, 3), ``quaternions`` (m, 4) world_from_camera."""
 
     times: FloatArray
     positions: FloatArray

@@ -1,4 +1,4 @@
-"""Say which error of a pair of trajectories is meant."""
+"""Which error of a pair of trajectories is meant."""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -13,7 +13,7 @@ PosePairs = Literal["all", "consecutive"]
 
 @dataclass(frozen=True)
 class AteSettings:
-    """Choose the absolute trajectory error: RMSE of positions after alignment."""
+    """The absolute trajectory error: RMSE of positions after alignment."""
 
     alignment: AlignmentKind = "sim3"
 
@@ -23,7 +23,7 @@ class AteSettings:
 
 @dataclass(frozen=True)
 class RpeSettings:
-    """Choose the relative pose error: RMSE over pairs of poses that lie ``delta`` apart.
+    """The relative pose error: RMSE over pairs of poses that lie ``delta`` apart.
 
     Attributes
     ----------
@@ -67,12 +67,12 @@ MetricSettings = AteSettings | RpeSettings
 
 
 def check_word(name: str, word: str, known: tuple[str, ...]) -> None:
-    """Refuse a word that is not among the known ones.
+    """Raise an error for a word that is not among the known ones.
 
     Raises
     ------
     DefinitionError
-        It is not.
+        The word is unknown.
     """
     if word not in known:
         raise DefinitionError(f"expected as {name} one of {', '.join(known)}, not '{word}'")

@@ -1,4 +1,4 @@
-"""Measure one trajectory against another."""
+"""Errors of one trajectory against another."""
 
 import numpy as np
 

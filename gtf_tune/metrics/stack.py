@@ -1,4 +1,4 @@
-"""Put trajectories side by side on one axis of frames."""
+"""Trajectories side by side on one axis of frames."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from gtf_tune.trajectory.alignment import (
 
 @dataclass(frozen=True, eq=False)
 class TrajectoryStack:
-    """Hold t trajectories over the same f frames.
+    """t trajectories over the same f frames.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class TrajectoryStack:
 
 @dataclass(frozen=True, eq=False)
 class PairBlock:
-    """Hold one trajectory, the target, matched and aligned with each of p others, the sources.
+    """One trajectory, the target, matched and aligned with each of p others, the sources.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ def common_frames(*groups: Sequence[Trajectory]) -> IntArray:
     """
     check_frame_ids([trajectory for group in groups for trajectory in group])
     ids = [trajectory.frame_ids for group in groups for trajectory in group]
-    if all(np.array_equal(one, ids[0]) for one in ids):
+    if all(np.array_equal(other, ids[0]) for other in ids):
         return ids[0] if ids else np.empty(0, np.int64)
     return np.unique(np.concatenate(ids))
 

@@ -1,4 +1,4 @@
-"""Sum up errors in the numbers that evo prints."""
+"""Summaries of errors in the numbers that evo prints."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from gtf_tune.trajectory import FloatArray
 
 @dataclass(frozen=True)
 class ErrorStatistics:
-    """Hold the usual statistics of errors, in the unit of the errors; ``std`` divides by their number."""
+    """The usual statistics of errors, in the unit of the errors; ``std`` divides by their number."""
 
     rmse: float
     mean: float

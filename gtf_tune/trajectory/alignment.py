@@ -1,4 +1,4 @@
-"""Find the similarity that lays one trajectory on another.
+"""Alignment of one trajectory with another by a similarity.
 
 The method is Umeyama, "Least-squares estimation of transformation parameters between two point patterns", IEEE PAMI
 13(4), 1991; equation numbers below are the paper's. One batched kernel serves single pairs and thousands of them.
@@ -20,7 +20,7 @@ MIN_MATCHED = 4
 """Fewest matched frames that give an alignment; three points can be laid on any three with little error."""
 
 COLLINEAR_TOLERANCE = 1e-5
-"""Ratio of second to first singular value of centred positions up to which they count as lying on a line.
+"""Ratio of second to first singular value of centred positions up to which they are taken to lie on a line.
 
 The rotation about a line is not observable. A straight line written to a text file with six digits has a ratio of about
 1e-6, with float64 positions 1e-15; the straightest real drive at hand (51 frames of KITTI 06) has 2.5e-3.
@@ -39,7 +39,7 @@ _ROUNDING = 8 * float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True, eq=False)
 class Similarity:
-    """Hold the map ``x -> scale * rotation @ x + translation`` between two world frames.
+    """The map ``x -> scale * rotation @ x + translation`` between two world frames.
 
     ``rotation`` is a (3, 3) rotation matrix; ``translation``, (3,), is in the unit of the target frame.
     """
@@ -69,7 +69,7 @@ class Similarity:
 
 @dataclass(frozen=True, eq=False)
 class NormalPoints:
-    """Hold points as columns (3, n) of a size near 1: point = origin + unit * column."""
+    """Points as columns (3, n) of a size near 1: point = origin + unit * column."""
 
     points: FloatArray
     origin: FloatArray
@@ -78,7 +78,7 @@ class NormalPoints:
 
 @dataclass(frozen=True, eq=False)
 class Alignments:
-    """Hold p alignments, each mapping a source to its target.
+    """p alignments, each mapping a source to its target.
 
     Attributes
     ----------
@@ -105,7 +105,7 @@ class Alignments:
 
 @dataclass(frozen=True, eq=False)
 class _Centred:
-    """Hold points as columns (p, 3, n) about their means (p, 3), 0 where they are not matched."""
+    """Points as columns (p, 3, n) about their means (p, 3), 0 where they are not matched."""
 
     means: FloatArray
     columns: FloatArray
@@ -244,7 +244,8 @@ def _reasons(
     """Return a sentence for each pair whose rotation is not unique, by tests relative to the size of the points."""
     target, source = np.linalg.eigvalsh(spread_target), np.linalg.eigvalsh(spread_source)
     flatness = [
-        _ratio(np.sqrt(np.maximum(one[:, 1], 0)), np.sqrt(np.maximum(one[:, 2], 0))) for one in (target, source)
+        _ratio(np.sqrt(np.maximum(spread[:, 1], 0)), np.sqrt(np.maximum(spread[:, 2], 0)))
+        for spread in (target, source)
     ]
     common = _ratio(stretch[:, 1], np.sqrt(np.maximum(target[:, 2] * source[:, 2], 0)))
     broken = (

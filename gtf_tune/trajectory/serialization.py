@@ -1,4 +1,4 @@
-"""Turn trajectories into bytes and back, without losing a bit.
+"""Trajectories as bytes, and back, without losing a bit.
 
 Layout, little-endian: magic ``GTFT``, version (1 byte), SHA-256 of everything after it cut to 8 bytes, number of poses
 (8 bytes), bytes of names (8 bytes), then a zlib stream of frame ids, timestamps, positions, quaternions and names, each

@@ -151,7 +151,7 @@ def test_the_same_setting_is_not_different_from_itself():
     ],
 )
 def test_nothing_to_compare_is_refused(a, b):
-    with pytest.raises(TrajectoryError, match="at least 2 noise instances that worked under both settings, not"):
+    with pytest.raises(TrajectoryError, match="at least 2 noise instances that worked under both configurations, not"):
         paired_difference(_quiet(a), _quiet(b))
 
 
@@ -162,7 +162,7 @@ def _quiet(matrix: np.ndarray) -> GtfScore:
 
 
 def test_numbers_of_clean_runs_must_agree():
-    with pytest.raises(TrajectoryError, match="as many clean runs of both settings, not 2 and 3"):
+    with pytest.raises(TrajectoryError, match="as many clean runs of both configurations, not 2 and 3"):
         compare(np.ones((2, 4)), np.ones((3, 4)))
 
 

@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from gtf_tune.metrics import AteSettings, RpeSettings, ate, pairwise_matrix, rpe
+from gtf_tune.metrics import AteSettings, RpeSettings, associated_matrix, ate, pairwise_matrix, rpe
 from gtf_tune.trajectory import Trajectory, associate_by_frame_id
 from gtf_tune.trajectory.alignment import umeyama
 
@@ -189,3 +191,17 @@ def test_pairs_without_poses_far_enough_apart_say_so():
 
     assert np.isnan(found.errors).all()
     assert found.reasons[0, 0].startswith("expected poses 1000 frames apart, but there are none")
+
+
+def test_an_associated_matrix_needs_no_frame_ids():
+    """Frame ids that only count the poses of each trajectory would pair the wrong ones where a pose is missing."""
+    runs = family(5, missing=0.3)
+    renumbered = [replace(run, frame_ids=np.arange(len(run))) for run in runs]
+
+    found = associated_matrix(renumbered[:2], renumbered[2:], "timestamp")
+
+    expected = pairwise_matrix(runs[:2], runs[2:])
+    np.testing.assert_allclose(found.errors, expected.errors, rtol=1e-12)
+    np.testing.assert_allclose(found.extents, expected.extents, rtol=1e-12)
+    np.testing.assert_array_equal(found.matched, expected.matched)
+    assert associated_matrix(runs[:1], [runs[1].select(np.arange(3))], "timestamp").reasons.keys() == {(0, 0)}
