@@ -91,8 +91,8 @@ METHODS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "TPE, adaptive sizing": ("tpe", ADAPTIVE),
     "refine": ("refine", FIXED),
     "refine, adaptive sizing": ("refine", ADAPTIVE),
-    "CMA-ES": ("cmaes", FIXED),
-    "GP": ("gp", FIXED),
+    "CMA-ES": ("optuna.samplers:CmaEsSampler", FIXED),
+    "GP": ("optuna.samplers:GPSampler", FIXED),
 }
 
 
@@ -103,7 +103,7 @@ _MOST_RUNS: Mapping[str, int] = {"GP": 400}
 
 def methods(case: Case) -> list[str]:
     """Return the methods that can search a case on this machine."""
-    packages = {"gp": "torch", "cmaes": "cmaes"}
+    packages = {"optuna.samplers:GPSampler": "torch", "optuna.samplers:CmaEsSampler": "cmaes"}
     names = [
         name
         for name, (sampler, _) in METHODS.items()

@@ -21,7 +21,15 @@ from difflib import get_close_matches
 
 
 class GtfTuneError(Exception):
-    """Signal a fault that the user can understand and mend."""
+    """A fault that the user can understand and put right.
+
+    ``remedy`` names what helps where the interface decides how that is done: an action and its arguments, such as
+    ``("sequence", "room")`` for saying where a sequence lies. The command line adds the flag or the command.
+    """
+
+    def __init__(self, message: str = "", *, remedy: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.remedy = remedy
 
 
 class DefinitionError(GtfTuneError):

@@ -11,7 +11,7 @@ from gtf_tune.cli.parameters import CacheDir, Json
 from gtf_tune.cli.terminal.console import say, write_json, write_table
 
 _PACKAGES = ("pycolmap", "optuna", "optuna-dashboard", "sqlalchemy", "numpy", "scipy", "opencv-python-headless")
-_EXTRAS = {"psycopg": "postgres", "distributed": "dask", "torch": "gp", "cmaes": "cmaes", "kaleido": "png"}
+_EXTRAS = {"psycopg": "postgres", "distributed": "dask", "kaleido": "png"}
 _GIB = 2**30
 Check = tuple[str, bool, str]
 

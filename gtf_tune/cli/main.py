@@ -11,6 +11,7 @@ from gtf_tune.cli.demo import demo
 from gtf_tune.cli.doctor import doctor
 from gtf_tune.cli.evaluate import evaluate
 from gtf_tune.cli.noise import noise
+from gtf_tune.cli.remedies import with_remedy
 from gtf_tune.cli.storage_access import close_storages
 from gtf_tune.cli.study.app import app as study_app
 from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE
@@ -67,7 +68,7 @@ def main() -> None:
     try:
         app()
     except GtfTuneError as error:
-        say(f"error: {error}")
+        say(f"error: {with_remedy(error)}")
         sys.exit(1)
     except KeyboardInterrupt:  # before the command has begun, or after it; in between typer hears of it
         sys.exit(INTERRUPTED_EXIT_CODE)

@@ -9,6 +9,7 @@ import typer
 
 from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage
+from gtf_tune.cli.remedies import with_remedy
 from gtf_tune.cli.storage_access import hush_optuna, storage_flag, wait_for_storage
 from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE, Places, TrialParallel, VersionMismatch, place_folders
 from gtf_tune.cli.terminal.console import chosen_noise, say, tried_noise
@@ -77,7 +78,7 @@ def worker(
     ):
         database = wait_for_storage(storage)
         _announce_closed(database, rules)
-        server = WorkerLoop(database, runs_on, rules, stop, say, _Lines)
+        server = WorkerLoop(database, runs_on, rules, stop, say, _Lines, with_remedy)
         server.run()
     if stop.level:
         say("stopped; finished runs are kept")

@@ -3,13 +3,12 @@
 from gtf_tune.definition.gtf import GtfDefinition, NoisyRuns
 from gtf_tune.definition.loading import definition_from_dict, dump_definition, load_definition, read_toml
 from gtf_tune.definition.model import (
-    DEFAULT_TRIALS,
     LimitsDefinition,
     PipelineDefinition,
-    SearchDefinition,
     SequenceDefinition,
     StudyDefinition,
 )
+from gtf_tune.definition.search import DEFAULT_TRIALS, SearchDefinition
 from gtf_tune.definition.side_metric import SideMetricDefinition
 from gtf_tune.definition.space import Axis, RangeAxis, ValuesAxis
 

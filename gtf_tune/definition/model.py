@@ -1,19 +1,15 @@
 """Define a whole study: pipeline, sequences, space, score, search and limits."""
 
-import math
 import re
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, Field, JsonValue, model_validator
 
 from gtf_tune.definition.base import Section
 from gtf_tune.definition.gtf import GtfDefinition
+from gtf_tune.definition.search import SearchDefinition, suited_sampler
 from gtf_tune.definition.side_metric import SideMetricDefinition
-from gtf_tune.definition.space import Axis, ValuesAxis
-
-DEFAULT_TRIALS = 50
-"""Budget of a search that is not a grid and does not say otherwise."""
+from gtf_tune.definition.space import Axis
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9._-]+")
@@ -71,19 +67,6 @@ class SequenceDefinition(Section):
         return {name: value for name, value in given.items() if value is not None}
 
 
-class SearchDefinition(Section):
-    """Define the search: sampler, budget in trials (nominal included) and seed.
-
-    ``sampler = "auto"`` becomes what suits the space (see docs/performance.md): a grid for lists of values that the
-    budget covers, ``refine`` where there is a range, else ``tpe``.
-    """
-
-    sampler: Literal["auto", "grid", "refine", "tpe", "gp", "cmaes", "qmc", "random"] = "auto"
-    trials: int | None = Field(default=None, ge=1)
-    seed: int = Field(default=0, ge=0, lt=2**31)
-    pruner: Literal["none", "wilcoxon"] = "none"
-
-
 class LimitsDefinition(Section):
     """Define what one run may take."""
 
@@ -126,15 +109,6 @@ class StudyDefinition(Section):
     def searched_sequences(self) -> list[SequenceDefinition]:
         """Return the sequences that the search sees."""
         return [sequence for sequence in self.sequences if not sequence.holdout]
-
-
-def suited_sampler(space: Mapping[str, Axis], trials: int | None) -> str:
-    """Return the sampler that suits a space and a budget of trials."""
-    lists = [axis for axis in space.values() if isinstance(axis, ValuesAxis)]
-    size = math.prod(len(axis.values) for axis in lists) + 1
-    if len(lists) == len(space) and size <= (trials or DEFAULT_TRIALS):
-        return "grid"
-    return "refine" if len(lists) < len(space) else "tpe"
 
 
 def name_from(folder: str) -> str:

@@ -20,6 +20,7 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
 from gtf_tune.study.open_study import load_defined_sequence, make_pipeline
+from gtf_tune.study.scoring.rules import RESOLVED_KEY, SCORING_VERSION
 from gtf_tune.study.search.samplers import check_search
 from gtf_tune.study.search.space import build_space, space_faults
 from gtf_tune.version import __version__
@@ -55,14 +56,14 @@ def create_study(database: Database, definition: StudyDefinition, root: Path) ->
     """
     pipeline = make_pipeline(definition)
     pipeline.options.check(definition.pipeline.options)
-    build_space(definition, pipeline.options)
-    check_search(definition)
+    check_search(definition, build_space(definition, pipeline.options))
     refuse_taken_name(database, definition.name)
     loaded = [load_defined_sequence(one, root) for one in definition.sequences]
     _refuse_same_images(loaded)
     rows = tuple(_row(one.path, sequence) for one, sequence in zip(definition.sequences, loaded, strict=True))
     resolved = {
         "noise_sigma": _sigmas(definition),
+        RESOLVED_KEY: SCORING_VERSION,
         "versions": {"gtf_tune": __version__, pipeline.name: pipeline.version, "optuna": optuna.__version__},
     }
     new = NewStudy(

@@ -18,8 +18,10 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study, stored_definition
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.open_study import defined_budget, make_pipeline
+from gtf_tune.study.search.samplers import check_search
+from gtf_tune.study.search.space import build_space
 
-# Optuna's gp and qmc go by the ranges of the first trials: the one then draws at random, the other stays inside them.
+# Others may go by the ranges of the first trials, as several of Optuna's samplers do, or cover them evenly.
 _WIDENABLE = ("refine", "tpe", "random")
 
 
@@ -58,11 +60,45 @@ def extend_study(database: Database, name: str, extension: Extension) -> Study:
     _refuse(definition, extension)
     extended = checked_definition(_changed(definition, extension), f"study '{name}'")
     _refuse_too_few(database, study, extended)
-    history = [*study.resolved.get("extensions", ()), {"at": time.time(), "before": json.loads(study.definition)}]
-    studies.set_definition(database, study.id, dump_definition(extended), {**study.resolved, "extensions": history})
+    _replace(database, study, extended)
     if studies.state(database, study.id) == "done":  # asked again: until now a worker may have closed it
         studies.set_state(database, study.id, "open")
     return studies.get(database, name)
+
+
+def change_sampler(database: Database, name: str, sampler: str) -> Study:
+    """Let another sampler choose the options of the trials to come, and return the study.
+
+    Raises
+    ------
+    DefinitionError
+        There is no such sampler, it cannot be made here, or one of the two is a grid, whose trials are its points.
+    StorageError
+        There is no such study, or it is an unfinished copy.
+    """
+    study = studies.get(database, name)
+    studies.check_whole(study)
+    definition = stored_definition(study)
+    data = definition.model_dump(mode="json")
+    data["search"] |= {"sampler": sampler, "sampler_arguments": {}}
+    changed = checked_definition(data, f"study '{name}'")
+    if changed.search.sampler == definition.search.sampler:
+        return study
+    if "grid" in (changed.search.sampler, definition.search.sampler):
+        raise DefinitionError(
+            f"study '{name}' cannot go on from '{definition.search.sampler}' to '{changed.search.sampler}', since the "
+            "trials of a grid are its points; create a new study, which takes over every run that is the same"
+        )
+    check_search(changed, build_space(changed, make_pipeline(changed).options))
+    _replace(database, study, changed)
+    return studies.get(database, name)
+
+
+def _replace(database: Database, study: Study, definition: StudyDefinition) -> None:
+    """Store another definition of a study, and what it was until now."""
+    history = [*study.resolved.get("extensions", ()), {"at": time.time(), "before": json.loads(study.definition)}]
+    resolved = {**study.resolved, "extensions": history}
+    studies.set_definition(database, study.id, dump_definition(definition), resolved)
 
 
 def derive_study(database: Database, name: str, extension: Extension, new_name: str) -> Study:

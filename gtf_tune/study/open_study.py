@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import optuna
+from optuna.samplers import RandomSampler
 
 from gtf_tune.definition import DEFAULT_TRIALS, SequenceDefinition, StudyDefinition
 from gtf_tune.errors import DefinitionError, SequenceError
@@ -16,7 +17,8 @@ from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.study.runs.plan import RunPlanner
 from gtf_tune.study.runs.seeds import SeedSource
-from gtf_tune.study.search.samplers import make_pruner, make_sampler
+from gtf_tune.study.scoring.rules import check_rules
+from gtf_tune.study.search.samplers import make_pruner
 from gtf_tune.study.search.space import SearchSpace, build_space
 
 
@@ -65,6 +67,7 @@ def open_study(
     """
     record = studies.get(database, name)
     studies.check_whole(record)
+    check_rules(record)
     definition = stored_definition(record)
     pipeline = make_pipeline(definition)
     mismatch = _version_mismatch(record, pipeline.name, pipeline.version)
@@ -77,7 +80,7 @@ def open_study(
     optuna_study = optuna.load_study(
         study_name=name,
         storage=optuna_storage(database),
-        sampler=make_sampler(definition.search, 0, space),
+        sampler=RandomSampler(definition.search.seed),  # workers make one for every trial
         pruner=make_pruner(definition.search),
     )
     return OpenStudy(

@@ -1,4 +1,3 @@
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -6,20 +5,23 @@ import optuna
 import pytest
 from optuna.distributions import CategoricalDistribution, FloatDistribution
 from optuna.pruners import NopPruner, WilcoxonPruner
-from optuna.samplers import CmaEsSampler, QMCSampler, RandomSampler, TPESampler
-from optuna.trial import TrialState, create_trial
+from optuna.samplers import RandomSampler, TPESampler
 
 from gtf_tune.definition import SearchDefinition, StudyDefinition, definition_from_dict
 from gtf_tune.errors import DefinitionError
+from gtf_tune.store.optuna.foreign_sampler import ForeignSampler
+from gtf_tune.study.search.qmc import NumberedPointsSampler
 from gtf_tune.study.search.refine import RefineSampler
 from gtf_tune.study.search.refine_many import RefineManySampler
-from gtf_tune.study.search.samplers import check_search, make_pruner, make_sampler, startup_trials, without_penalties
+from gtf_tune.study.search.samplers import check_search, make_pruner, make_sampler, startup_trials
 from gtf_tune.study.search.space import SearchAxis, SearchSpace
 from tests.study.conftest import definition_of
 
 RANGE = {"low": 3e-4, "high": 0.1, "log": True}
 LIST = {"values": [0.01, 0.02]}
 ONE_RANGE = SearchSpace((SearchAxis("x", 0.5, FloatDistribution(0.0, 1.0), ()),))
+
+NSGA = "optuna.samplers:NSGAIISampler"
 
 
 def _definition(**sections: Any) -> StudyDefinition:
@@ -31,10 +33,10 @@ def _definition(**sections: Any) -> StudyDefinition:
     [
         ("tpe", TPESampler),
         ("refine", RefineSampler),
-        ("qmc", QMCSampler),
+        ("qmc", NumberedPointsSampler),
         ("random", RandomSampler),
         ("grid", RandomSampler),
-        ("cmaes", CmaEsSampler),
+        ("optuna.samplers:NSGAIISampler", ForeignSampler),
     ],
 )
 def test_every_name_makes_its_sampler(name: Any, kind: type) -> None:
@@ -68,38 +70,6 @@ def test_qmc_gives_a_trial_its_point_whatever_was_drawn_before() -> None:
     drawn = [value(number) for number in (3, 2, 1, 2)]
 
     assert drawn == [0.75, 0.5, 0.0, 0.5]
-
-
-def test_a_gaussian_process_sees_scores_without_the_penalties_of_infeasible_trials() -> None:
-    trials = [
-        create_trial(state=TrialState.COMPLETE, value=value, constraints={"coverage": violation})
-        for value, violation in [(0.002, -0.1), (1.5, 0.4), (0.007, 0.0)]
-    ]
-
-    assert [one.value for one in without_penalties(trials)] == [0.002, 0.007, 0.007]
-    assert [one.value for one in trials] == [0.002, 1.5, 0.007]
-    assert without_penalties(trials[1:2]) == trials[1:2]
-
-
-def test_gp_looks_near_the_best_score_beside_an_infeasible_region() -> None:
-    pytest.importorskip("torch", reason="the extra [gp] is not installed")
-    study = optuna.create_study()
-    for number in range(20):
-        study.sampler = make_sampler(SearchDefinition(sampler="gp"), number, ONE_RANGE)
-        trial = study.ask()
-        x = trial.suggest_float("x", 0.0, 1.0)
-        trial.set_constraint("coverage", 0.4 - x)
-        study.tell(trial, 1.5 if x < 0.4 else 1e-3 * (1 + 20 * (x - 0.7) ** 2))
-
-    late = [abs(trial.params["x"] - 0.7) for trial in study.trials[12:]]
-    assert sum(distance < 0.1 for distance in late) > len(late) / 2
-
-
-def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "torch", None)
-
-    with pytest.raises(DefinitionError, match=r"gtf-tune\[gp\]"):
-        check_search(_definition(search={"sampler": "gp"}))
 
 
 @pytest.mark.parametrize(
@@ -142,19 +112,19 @@ def test_pruning_is_off_unless_asked_for() -> None:
         ({"search": {"pruner": "wilcoxon"}, "gtf": {"noisy_runs": {"min": 3, "max": 12}}}, "both stop trials early"),
         ({"gtf": {"noisy_runs": {"min": 3, "max": 12}, "common_noise": False}}, "set common_noise = true"),
         ({"search": {"pruner": "wilcoxon"}, "gtf": {"noisy_runs": 9, "common_noise": False}}, "common_noise = true"),
-        ({"search": {"sampler": "cmaes"}, "gtf": {"noisy_runs": {"min": 3, "max": 12}}}, "would repeat them"),
+        ({"search": {"sampler": NSGA}, "gtf": {"noisy_runs": {"min": 3, "max": 12}}}, "would repeat them"),
     ],
 )
 def test_what_cannot_work_together_is_refused_with_the_reason(sections: dict[str, Any], reason: str) -> None:
     with pytest.raises(DefinitionError, match=reason):
-        check_search(_definition(**sections))
+        check_search(_definition(**sections), ONE_RANGE)
 
 
 def test_all_faults_of_a_search_are_named_at_once() -> None:
-    sections = {"search": {"sampler": "cmaes", "pruner": "wilcoxon"}, "gtf": {"noisy_runs": 4, "common_noise": False}}
+    sections = {"search": {"sampler": NSGA, "pruner": "wilcoxon"}, "gtf": {"noisy_runs": 4, "common_noise": False}}
 
     with pytest.raises(DefinitionError) as caught:
-        check_search(_definition(**sections))
+        check_search(_definition(**sections), ONE_RANGE)
 
     assert all(reason in str(caught.value) for reason in ("8 or more", "common_noise", "would repeat them"))
 
@@ -165,12 +135,12 @@ def test_all_faults_of_a_search_are_named_at_once() -> None:
         {},
         {"gtf": {"noisy_runs": {"min": 3, "max": 12}}},
         {"search": {"pruner": "wilcoxon"}, "gtf": {"noisy_runs": 8}},
-        {"search": {"sampler": "cmaes"}},
+        {"search": {"sampler": NSGA}},
         {"gtf": {"common_noise": False}},
     ],
 )
 def test_what_works_together_is_accepted(sections: dict[str, Any]) -> None:
-    check_search(_definition(**sections))
+    check_search(_definition(**sections), ONE_RANGE)
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,8 @@ def create(
     aggregate: Annotated[str | None, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")] = None,
     side: Side = None,
     sampler: Annotated[
-        str | None, typer.Option("--sampler", help="auto, refine, grid, tpe, gp, cmaes, qmc or random.")
+        str | None,
+        typer.Option("--sampler", help="auto, refine, grid, tpe, qmc, random, or module:Class of any Optuna sampler."),
     ] = None,
     trials: Annotated[int | None, typer.Option("--trials", "-n", help="Trials, the nominal one included.")] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Seed of the whole study.")] = None,

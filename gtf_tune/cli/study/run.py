@@ -29,10 +29,14 @@ Places = Annotated[
 VersionMismatch = Annotated[
     bool, typer.Option("--allow-version-mismatch", help="Go on with another version of the pipeline.")
 ]
+Sampler = Annotated[
+    str | None, typer.Option("--sampler", help="From now on another sampler: refine, tpe, qmc, random or module:Class.")
+]
 
 
 def run(
     name: StudyName,
+    sampler: Sampler = None,
     jobs: Jobs = None,
     trial_parallel: TrialParallel = 1,
     sequence: Places = None,
@@ -52,6 +56,7 @@ def run(
 
     database = open_storage(storage)
     studies.check_open(studies.get(database, name))
+    _change_sampler(database, name, sampler)
     study = open_for_work(database, name, sequence, allow_version_mismatch)
     work_on(study, make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache), trial_parallel)
     _suggest_next(name, database)
@@ -59,6 +64,7 @@ def run(
 
 def resume(
     name: StudyName,
+    sampler: Sampler = None,
     jobs: Jobs = None,
     trial_parallel: TrialParallel = 1,
     sequence: Places = None,
@@ -76,6 +82,7 @@ def resume(
     from gtf_tune.study.states import reopen_study
 
     database = open_storage(storage)
+    _change_sampler(database, name, sampler)
     study = open_for_work(database, name, sequence, allow_version_mismatch)
     counts = trials.counts(database, study.record.id)
     done = counts.get("complete", 0) + counts.get("pruned", 0)
@@ -124,6 +131,14 @@ def open_for_work(database: "Database", name: str, places: list[str] | None, all
 def place_folders(places: list[str] | None) -> dict[str, Path]:
     """Return the folders of the sequences that ``--sequence NAME=PATH`` names."""
     return {name: Path(path) for name, path in split_pairs(places, "--sequence").items()}
+
+
+def _change_sampler(database: "Database", name: str, sampler: str | None) -> None:
+    from gtf_tune.study.edit import change_sampler
+
+    if sampler is not None:
+        hush_optuna()
+        change_sampler(database, name, sampler)
 
 
 def _suggest_next(name: str, database: "Database") -> None:

@@ -19,6 +19,7 @@ from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.scoring.coverage import CoverageFloor, coverage_floor, least_floor
 from gtf_tune.study.scoring.objective import FinishedRun, SequenceScore, TrialScore, score_sequence, score_trial
+from gtf_tune.study.scoring.rules import check_rules
 
 RESCORABLE = ("aggregate", "metric", "alignment", "normalise", "rpe_delta", "rpe_delta_unit", "rpe_pairs")
 
@@ -55,9 +56,11 @@ def rescore(database: Database, name: str, changes: Mapping[str, Any]) -> Rescor
     Raises
     ------
     DefinitionError
-        A change needs other runs than the stored ones or is wrong, or no nominal trial is complete.
+        A change needs other runs than the stored ones or is wrong, no nominal trial is complete, or the study is
+        scored by other rules than those of this version.
     """
     study = studies.get(database, name)
+    check_rules(study)
     definition = stored_definition(study)
     gtf = _changed(definition.gtf, changes)
     known = [one for one in trials.of_study(database, study.id) if one.state in ("complete", "pruned")]

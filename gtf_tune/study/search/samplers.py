@@ -1,20 +1,22 @@
 """Make the Optuna sampler and pruner that a definition names."""
 
-import copy
+import inspect
 import warnings
-from typing import Any
+from collections.abc import Callable
 
-from optuna import Study
-from optuna.distributions import BaseDistribution, CategoricalDistribution
+from optuna.distributions import CategoricalDistribution
 from optuna.exceptions import ExperimentalWarning
 from optuna.pruners import BasePruner, NopPruner, WilcoxonPruner
-from optuna.samplers import BaseSampler, CmaEsSampler, GPSampler, QMCSampler, RandomSampler, TPESampler
-from optuna.trial import FrozenTrial
+from optuna.samplers import BaseSampler, RandomSampler, TPESampler
 
 from gtf_tune.definition import DEFAULT_TRIALS, SearchDefinition, StudyDefinition
+from gtf_tune.definition.objects import load_object
+from gtf_tune.definition.search import FORMER_SAMPLERS
 from gtf_tune.errors import DefinitionError
+from gtf_tune.store.optuna.foreign_sampler import ForeignSampler
 from gtf_tune.study.runs.seeds import SeedSource
 from gtf_tune.study.scoring.early_stopping import PRUNER_FIRST
+from gtf_tune.study.search.qmc import NumberedPointsSampler
 from gtf_tune.study.search.refine import RefineSampler
 from gtf_tune.study.search.refine_many import RefineManySampler
 from gtf_tune.study.search.space import SearchSpace
@@ -26,80 +28,60 @@ WILCOXON_FEWEST = 8
 _FEWEST_STARTUP = 10
 _STARTUP_PER_OPTION = 4
 
-_EXTRAS = {"gp": ("torch", "gp"), "cmaes": ("cmaes", "cmaes")}
-_BLIND_TO_STOPPED = ("gp", "cmaes")
-
-
-class _NumberedPoints(QMCSampler):
-    """Take one point of the sequence, whoever draws it and when.
-
-    Optuna counts the draws: a worker that died while it drew would leave a point out, and workers that draw at the same
-    time would get the same one.
-    """
-
-    def __init__(self, point: int, seed: int) -> None:
-        super().__init__(seed=seed, warn_independent_sampling=False)
-        self._point = point
-
-    def _find_sample_id(self, study: Study, search_space: dict[str, BaseDistribution]) -> int:
-        del study, search_space
-        return self._point
-
-
-class _FeasibleScale(GPSampler):
-    """Model the scores of infeasible trials as the worst feasible one; their constraint says how far out they lie.
-
-    Their penalty is hundreds of times as large, and beside it Optuna's process takes all feasible scores for equal.
-    """
-
-    def _sample_relative_impl(
-        self,
-        study: Study,
-        completed_trials: list[FrozenTrial],
-        running_trials: list[FrozenTrial],
-        search_space: dict[str, BaseDistribution],
-    ) -> dict[str, Any]:
-        return super()._sample_relative_impl(study, without_penalties(completed_trials), running_trials, search_space)
-
-
-def without_penalties(completed: list[FrozenTrial]) -> list[FrozenTrial]:
-    """Return the trials with the worst feasible value in place of penalties; as they are where none is feasible."""
-    feasible = [all(violation <= 0 for violation in one.constraints.values()) for one in completed]
-    values = [one.value for one, works in zip(completed, feasible, strict=True) if works and one.value is not None]
-    if not values:
-        return completed
-    return [one if works else _with_value(one, max(values)) for one, works in zip(completed, feasible, strict=True)]
-
-
-def _with_value(trial: FrozenTrial, value: float) -> FrozenTrial:
-    copied = copy.copy(trial)
-    copied.value = value
-    return copied
-
 
 def make_sampler(search: SearchDefinition, number: int, space: SearchSpace) -> BaseSampler:
     """Return the sampler that chooses the options of trial ``number``.
 
     Its seed follows from the study's seed and the number alone, so a resumed study goes on as if it had never stopped.
-    The quasi-random sampler keeps one seed: its points are one sequence, numbered by the trials after nominal. A grid
-    is enqueued, and only trials beyond it fall back to random search.
+    The quasi-random points are one sequence, numbered by the trials after nominal. A grid is enqueued, and only trials
+    beyond it fall back to random search.
+
+    Raises
+    ------
+    DefinitionError
+        The sampler is one that gtf-tune had formerly, cannot be imported, or refuses its arguments.
     """
-    require_extra(search.sampler)
     seeds = SeedSource(search.seed)
     seed = seeds.sampler_seed(number)
-    makers: dict[str, Any] = {
+    if search.is_foreign:
+        return _foreign_sampler(search, seed)
+    makers: dict[str, Callable[[], BaseSampler]] = {
         "tpe": lambda: TPESampler(
             seed=seed, n_startup_trials=startup_trials(len(space.axes), search.trials or DEFAULT_TRIALS)
         ),
         "refine": lambda: _refine(space, seeds.sampler_seed(0), seed),
-        "gp": lambda: _FeasibleScale(seed=seed, deterministic_objective=False),
-        "cmaes": lambda: CmaEsSampler(seed=seed, warn_independent_sampling=False),
-        "qmc": lambda: _NumberedPoints(max(number - 1, 0), seeds.sampler_seed(0)),
+        "qmc": lambda: NumberedPointsSampler(space.distributions, max(number - 1, 0)),
         "random": lambda: RandomSampler(seed=seed),
         "grid": lambda: RandomSampler(seed=seed),
     }
-    sampler: BaseSampler = makers[search.sampler]()
-    return sampler
+    if search.sampler not in makers:
+        raise DefinitionError(
+            f"sampler '{search.sampler}' is no longer part of gtf-tune; go on with another one, such as 'refine' or "
+            f"'{FORMER_SAMPLERS[search.sampler]}', which it stood for",
+            remedy=("sampler",),
+        )
+    return makers[search.sampler]()
+
+
+def _foreign_sampler(search: SearchDefinition, seed: int) -> BaseSampler:
+    """Return a sampler named ``module:Class``; it gets the seed unless it takes none or its arguments have one."""
+    made_by = load_object(search.sampler, "sampler")
+    if not (isinstance(made_by, type) and issubclass(made_by, BaseSampler)):
+        raise DefinitionError(
+            f"'{search.sampler}' is no class of Optuna samplers; name one that derives from BaseSampler"
+        )
+    arguments = dict(search.sampler_arguments)
+    if "seed" in inspect.signature(made_by).parameters:
+        arguments.setdefault("seed", seed)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ExperimentalWarning)
+            return ForeignSampler(search.sampler, made_by(**arguments))
+    except Exception as error:  # whatever the sampler itself does, such as importing a package that is not there
+        raise DefinitionError(
+            f"sampler '{search.sampler}' cannot be made ({type(error).__name__}: {error}); check sampler_arguments and "
+            "install what it needs"
+        ) from error
 
 
 def startup_trials(options: int, trials: int) -> int:
@@ -112,10 +94,9 @@ def startup_trials(options: int, trials: int) -> int:
 
 
 def _refine(space: SearchSpace, start_seed: int, seed: int) -> BaseSampler:
-    axes = {axis.name: axis.distribution for axis in space.axes}
-    if len(axes) == 1 and not isinstance(space.axes[0].distribution, CategoricalDistribution):
+    if len(space.axes) == 1 and not isinstance(space.axes[0].distribution, CategoricalDistribution):
         return RefineSampler(float(space.axes[0].nominal))
-    return RefineManySampler(axes, start_seed, seed)
+    return RefineManySampler(space.distributions, start_seed, seed)
 
 
 def make_pruner(search: SearchDefinition) -> BasePruner:
@@ -127,25 +108,12 @@ def make_pruner(search: SearchDefinition) -> BasePruner:
         return WilcoxonPruner(p_threshold=WILCOXON_P, n_startup_steps=PRUNER_FIRST)
 
 
-def check_search(definition: StudyDefinition) -> None:
+def check_search(definition: StudyDefinition, space: SearchSpace) -> None:
     """Raise one `DefinitionError` that names everything that sampler, pruner and sizing cannot do together."""
     faults = _stopping_faults(definition)
     if faults:
         raise DefinitionError("; ".join(faults))
-    require_extra(definition.search.sampler)
-
-
-def require_extra(sampler: str) -> None:
-    """Raise `DefinitionError` with the command that installs what a sampler needs."""
-    if sampler not in _EXTRAS:
-        return
-    module, extra = _EXTRAS[sampler]
-    try:
-        __import__(module)
-    except ImportError as error:
-        raise DefinitionError(
-            f"sampler '{sampler}' needs the package '{module}'; install it with: pip install 'gtf-tune[{extra}]'"
-        ) from error
+    make_sampler(definition.search, 0, space)
 
 
 def _stopping_faults(definition: StudyDefinition) -> list[str]:
@@ -166,9 +134,9 @@ def _stopping_faults(definition: StudyDefinition) -> list[str]:
         )
     if (adaptive or pruned) and not gtf.common_noise:
         faults.append(f"{asked} compares trials on the noise that they share; set common_noise = true or drop it")
-    if (adaptive or pruned) and search.sampler in _BLIND_TO_STOPPED:
+    if (adaptive or pruned) and search.is_foreign:
         faults.append(
-            f"sampler '{search.sampler}' does not learn from trials that were stopped early and would repeat them; "
-            f"use sampler 'refine' or 'tpe', or drop {asked}"
+            f"sampler '{search.sampler}' may not learn from trials that were stopped early and would repeat them; use "
+            f"sampler 'refine' or 'tpe', or drop {asked}"
         )
     return faults

@@ -43,6 +43,11 @@ class SearchSpace:
         """Return the pipeline's default for every searched option."""
         return {axis.name: axis.nominal for axis in self.axes}
 
+    @property
+    def distributions(self) -> dict[str, BaseDistribution]:
+        """Return Optuna's distribution of every searched option."""
+        return {axis.name: axis.distribution for axis in self.axes}
+
     def grid(self) -> Iterator[dict[str, OptionValue]]:
         """Yield every grid point except nominal, the last axis turning fastest."""
         nominal = self.nominal

@@ -13,7 +13,7 @@ from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
 from gtf_tune.store.optuna.retrying_storage import NUMBER_KEY
 
 _FIXED = "fixed_params"  # where Optuna's own enqueue_trial keeps the values that a trial must take
-_STATES = MappingProxyType({"complete": TrialState.COMPLETE, "pruned": TrialState.PRUNED})
+STATES = MappingProxyType({"complete": TrialState.COMPLETE, "pruned": TrialState.PRUNED})
 
 
 def create_for_number(study: optuna.Study, number: int, fixed: Mapping[str, Any] | None) -> int:
@@ -32,7 +32,7 @@ def start(study: optuna.Study, trial_id: int) -> Trial:
     """Return the running trial of an id; a trial that another owner has begun is continued with the same options.
 
     The sampler learns from all trials that have ended by now: like `Study.ask`, which is not used here, this drops the
-    list of trials that Optuna keeps for each thread. TPE, GP and CMA-ES would else see that of their first trial for
+    list of trials that Optuna keeps for each thread. Samplers such as TPE would else see that of their first trial for
     ever.
 
     Raises
@@ -78,4 +78,4 @@ def tell(study: optuna.Study, number: int, value: float, state: str = "complete"
     storage = storage_of(study)
     trial_id = storage.get_trial_id_from_study_id_trial_number(study_id_of(study), number)
     with suppress(UpdateFinishedTrialError):
-        storage.set_trial_state_values(trial_id, _STATES[state], [value])
+        storage.set_trial_state_values(trial_id, STATES[state], [value])

@@ -75,8 +75,8 @@ class WorkerLoop:
     """Take up open studies, oldest first, and go on to the next one where no trial is free.
 
     A study that cannot be worked on here (images missing or different, another version of the pipeline) is left to
-    other workers; ``announce`` gets the reason once, and it is looked at again a minute later. ``listen`` makes the
-    listener of a study that work begins on.
+    other workers; ``announce`` gets the reason once, in the words of ``describe``, and it is looked at again a minute
+    later. ``listen`` makes the listener of a study that work begins on.
     """
 
     database: Database
@@ -85,6 +85,7 @@ class WorkerLoop:
     stop: StopRequest = field(default_factory=StopRequest)
     announce: Callable[[str], None] = lambda text: None
     listen: Callable[[OpenStudy], StudyListener] = lambda study: Silent()
+    describe: Callable[[GtfTuneError], str] = str
     _opened: dict[int, OpenStudy] = field(default_factory=dict)
     _refused: dict[int, _Refusal] = field(default_factory=dict)
 
@@ -143,7 +144,7 @@ class WorkerLoop:
         except StorageError:
             raise
         except GtfTuneError as error:
-            self._refuse(record, str(error))
+            self._refuse(record, self.describe(error))
             return False
 
     def _work(self, study: OpenStudy) -> bool:

@@ -87,6 +87,7 @@ class TrialRunner:
             result = replace(result, detail={**result.detail, "version_mismatch": self.study.mismatch})
         if not trial_queue.finish(database, lease, result):
             raise Interrupted
+        self._announce_end(trial, lease.number, result)
         optuna_trials.tell(self.study.optuna_study, trial.number, scored.score.value, result.state)
         stopped = result.message if result.state == "pruned" else ""
         return TrialEnd(lease.number, options, scored.score, scored.noisy_runs, stopped)
@@ -108,6 +109,14 @@ class TrialRunner:
         planned = (gtf.clean_runs + self.sizing.first(is_nominal=lease.number == 0)) * len(self.study.sequences)
         self.listener.trial_started(lease.number, options, planned)
         return trial, options
+
+    def _announce_end(self, trial: Trial, number: int, result: trial_queue.TrialResult) -> None:
+        """Let a sampler that gtf-tune does not know take note of the end of a trial, before Optuna is told of it."""
+        search = self.study.definition.search
+        if search.is_foreign and result.value is not None:
+            sampler = make_sampler(search, number, self.study.space)
+            state = optuna_trials.STATES[result.state]
+            sampler.after_trial(self.study.optuna_study, optuna_trials.known(trial), state, [result.value])
 
     def _create(self, lease: trial_queue.TrialLease) -> int:
         """Create the Optuna trial of a lease: another one with the same options where someone else has ended the first.

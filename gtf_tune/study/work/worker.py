@@ -14,6 +14,7 @@ from gtf_tune.study.open_study import OpenStudy
 from gtf_tune.study.runs.run_source import Interrupted
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.scoring.early_stopping import sizing_of
+from gtf_tune.study.search.samplers import make_sampler
 from gtf_tune.study.work import optuna_trials
 from gtf_tune.study.work.callbacks import Silent, StudyListener
 from gtf_tune.study.work.heartbeat import GRACE_S, INTERVAL_S, Heartbeat
@@ -64,6 +65,8 @@ class StudyWorker:
         return self._work(trial_parallel, lambda: False)
 
     def _work(self, trial_parallel: int, others: Callable[[], bool]) -> bool:
+        if not self._is_complete():  # lest a trial is begun that cannot go on
+            make_sampler(self.study.definition.search, 0, self.study.space)
         stop = StopRequest(self.stop)
         with (
             Heartbeat(self.study.database, self.beat_s, lambda: self._heed_state(stop)) as heartbeat,
@@ -146,8 +149,9 @@ class StudyWorker:
     def _others_at_work(self) -> bool:
         return trials.counts(self.study.database, self.study.record.id).get("claimed", 0) > 0
 
+    def _is_complete(self) -> bool:
+        counts = trials.counts(self.study.database, self.study.record.id)
+        return sum(counts.values()) >= self.study.budget and not counts.get("claimed", 0)
+
     def _close_if_complete(self) -> bool:
-        database, study_id = self.study.database, self.study.record.id
-        counts = trials.counts(database, study_id)
-        done = sum(counts.values()) >= self.study.budget and not counts.get("claimed", 0)
-        return done and studies.close(database, self.study.record)
+        return self._is_complete() and studies.close(self.study.database, self.study.record)

@@ -1,0 +1,61 @@
+"""A study keeps the scoring rules that it began with."""
+
+from pathlib import Path
+
+import pytest
+
+from gtf_tune.errors import DefinitionError
+from gtf_tune.execution import InlineExecutor
+from gtf_tune.store import studies
+from gtf_tune.store.database import Database
+from gtf_tune.study.create import open_study
+from gtf_tune.study.scoring import rules
+from gtf_tune.study.scoring.rescore import rescore
+from gtf_tune.study.work.server import WorkerLoop, WorkerRules
+from tests.study.conftest import Runner, definition_of
+
+REASON = (
+    r"study 'small' is scored by rules of version 1, which gtf-tune \S+ has, but this one scores by version 2; work"
+)
+
+
+@pytest.fixture
+def later(room: Path, run_study: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run a study, and let this be a version with other rules."""
+    run_study(definition_of(room, search={"trials": 2}))
+    monkeypatch.setattr(rules, "SCORING_VERSION", 2)
+
+
+def test_the_version_of_the_rules_is_stored(room: Path, database: Database, run_study: Runner) -> None:
+    run_study(definition_of(room, search={"trials": 1}))
+
+    assert studies.get(database, "small").resolved["scoring_version"] == rules.SCORING_VERSION
+
+
+@pytest.mark.usefixtures("later")
+def test_a_version_with_other_rules_neither_works_on_a_study_nor_confirms_or_rescores_it(database: Database) -> None:
+    with pytest.raises(DefinitionError, match=REASON):
+        open_study(database, "small")
+    with pytest.raises(DefinitionError, match=REASON):
+        rescore(database, "small", {})
+
+
+@pytest.mark.usefixtures("later")
+def test_a_study_without_a_version_has_the_first_rules(database: Database) -> None:
+    study = studies.get(database, "small")
+    resolved = {name: value for name, value in study.resolved.items() if name != "scoring_version"}
+    studies.set_definition(database, study.id, study.definition, resolved)
+
+    with pytest.raises(DefinitionError, match=REASON):
+        open_study(database, "small")
+
+
+@pytest.mark.usefixtures("later")
+def test_a_worker_leaves_a_study_with_other_rules_alone_and_says_so(database: Database) -> None:
+    studies.set_state(database, studies.get(database, "small").id, "open")
+    said: list[str] = []
+
+    WorkerLoop(database, InlineExecutor(), WorkerRules(), announce=said.append).run()
+
+    assert len(said) == 1
+    assert said[0].startswith("study 'small' is left to other workers: study 'small' is scored by rules of version 1")
