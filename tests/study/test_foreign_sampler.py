@@ -132,8 +132,8 @@ def test_optunas_own_samplers_search_a_study(name: str, room: Path, database: Da
 def test_gp_looks_near_the_best_score_beside_an_infeasible_region() -> None:
     pytest.importorskip("torch", reason="the package torch is not installed")
     study = optuna.create_study()
-    for ordinal in range(20):
-        study.sampler = make_sampler(SearchDefinition(sampler="optuna.samplers:GPSampler"), ordinal, NOWHERE)
+    for number in range(20):
+        study.sampler = make_sampler(SearchDefinition(sampler="optuna.samplers:GPSampler"), number, NOWHERE)
         trial = study.ask()
         x = trial.suggest_float("x", 0.0, 1.0)
         trial.set_constraint("coverage", 0.4 - x)

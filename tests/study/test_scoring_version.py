@@ -8,7 +8,7 @@ from gtf_tune.errors import DefinitionError
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
-from gtf_tune.study.create import open_study
+from gtf_tune.study.open_study import open_study
 from gtf_tune.study.scoring import rules
 from gtf_tune.study.scoring.rescore import rescore
 from gtf_tune.study.work.server import WorkerLoop, WorkerRules
