@@ -1,1 +1,1 @@
-"""Show a study: one HTML file, and the same figures in optuna-dashboard."""
+"""The report of a study: one HTML file, and the same figures in optuna-dashboard."""

@@ -1,4 +1,4 @@
-"""Build a report from the database."""
+"""The report of a study, built from the database."""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -79,7 +79,7 @@ def build_sections(report: ReportInput, definition: ReportDefinition) -> list[Se
 
 
 def read_configurations(database: Database, data: StudyData) -> dict[str, tuple[ConfigurationRuns, ...]]:
-    """Return the trajectories of the nominal and of the recommended trial, else the best one, by sequence."""
+    """Return the trajectories of the compared trials, nominal first, by sequence."""
     by_trial = [
         read_configuration(database, data, f"{name} (trial {number})", number) for name, number in compared_trials(data)
     ]

@@ -14,7 +14,7 @@ from gtf_tune.trajectory import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class SequenceDetail:
-    """Hold the score of one trial on one sequence with its matrix; NaN where there is no number.
+    """Score of one trial on one sequence with its matrix; NaN where there is no number.
 
     ``matrix`` is (k, k_delta), as stored, NaN where a pair failed; ``pair_errors`` says why by indices. Coverages are
     fractions of the frames, ``extent`` is in the unit of the trajectory.
@@ -53,7 +53,7 @@ def sequence_detail(data: StudyData, number: int, sequence: str) -> SequenceDeta
 
 
 def nominal_floor(data: StudyData, sequence: str) -> CoverageFloor | None:
-    """Return the least coverage that trials must reach, as the runs of trial 0 set it; None before it is complete."""
+    """Return the coverage floor, which follows from the runs of trial 0; None before that trial is complete."""
     stored = data.details.get(0, {}).get("sequences", {}).get(sequence, {})
     clean = stored.get("coverage_clean") or [stored_number(stored.get("coverage_nominal"))]
     if math.isnan(clean[0]):

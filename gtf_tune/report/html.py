@@ -1,4 +1,4 @@
-"""Put panels into one HTML file that needs nothing else: no network, no server."""
+"""The page of a report: one HTML file that needs no network and no server."""
 
 import json
 import re
@@ -18,7 +18,7 @@ _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9._-]+")
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """Hold one panel that is ready to be shown."""
+    """One panel that is ready to be shown."""
 
     kind: str
     title: str
@@ -28,7 +28,7 @@ class Section:
 
 @dataclass(frozen=True)
 class PageHead:
-    """Hold what stands at the top of a report; ``facts`` are short texts in one line."""
+    """The top of a report; ``facts`` are short texts in one line."""
 
     title: str
     study: str
@@ -42,7 +42,7 @@ def render_page(head: PageHead, sections: Sequence[Section]) -> str:
     meta = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
     style = f"<style>{_resource('style.css')}</style>"
     script = f"<script>{get_plotlyjs()}</script><script>{_resource('page.js')}</script>"
-    body = markup.joined([_header(head), _contents(sections), *(_section(one) for one in sections), _footer(head)])
+    body = markup.joined([_header(head), _contents(sections), *map(_section, sections), _footer(head)])
     head_ = f"<head>{meta}{title}{style}</head>"
     return f'<!DOCTYPE html>\n<html lang="en">{head_}\n<body>\n{body}\n{script}\n</body></html>\n'
 
@@ -68,7 +68,9 @@ def _header(head: PageHead) -> Html:
 
 
 def _contents(sections: Sequence[Section]) -> Html:
-    links = [markup.element("a", markup.text(one.kind.capitalize()), href=f"#{one.kind}") for one in sections]
+    links = [
+        markup.element("a", markup.text(section.kind.capitalize()), href=f"#{section.kind}") for section in sections
+    ]
     return markup.element("nav", *links)
 
 
@@ -96,7 +98,7 @@ def _grouped(blocks: Sequence[Block]) -> list[Html | list[Drawing]]:
 
 def _grid(drawings: Sequence[Drawing]) -> Html:
     columns = "grid single" if len(drawings) == 1 else "grid thirds" if len(drawings) == 3 else "grid"
-    return markup.element("div", *(_figure(one) for one in drawings), class_=columns)
+    return markup.element("div", *(_figure(drawing) for drawing in drawings), class_=columns)
 
 
 def _figure(drawing: Drawing) -> Html:

@@ -1,4 +1,4 @@
-"""Write the figures of a report as images for papers."""
+"""The figures of a report as images for papers."""
 
 import importlib.util
 from collections.abc import Sequence

@@ -59,29 +59,26 @@ def draw_score(scale: NoiseScale) -> go.Figure:
 def draw_squares(scale: NoiseScale) -> go.Figure:
     """Draw score^2 against sigma^2, where independent causes add up, so that the linear range is a straight line."""
     figure = theme.figure()
-    levels = [scale.floor, *(one for one, inside in zip(scale.levels, scale.linear, strict=True) if inside)]
+    levels = [scale.floor, *(level for level, inside in zip(scale.levels, scale.linear, strict=True) if inside)]
     figure.add_trace(_points(levels, 2, scale))
-    figure.add_trace(_fitted(scale.square_line, max(one.sigma for one in levels) ** 2, _PERMILLE**2))
+    figure.add_trace(_fitted(scale.square_line, max(level.sigma for level in levels) ** 2, _PERMILLE**2))
     figure.update_xaxes(**theme.axis("sigma² [grey levels²]", rangemode="tozero"))
     figure.update_yaxes(**theme.axis("GTF ATE² [‰²]", rangemode="tozero"))
     return figure
 
 
 def _linear_end(scale: NoiseScale) -> float:
-    return max((one.sigma for one, inside in zip(scale.levels, scale.linear, strict=True) if inside), default=0.0)
+    return max((level.sigma for level, inside in zip(scale.levels, scale.linear, strict=True) if inside), default=0.0)
 
 
 def _points(levels: list[NoiseLevel], power: int, scale: NoiseScale) -> go.Scatter:
     """Return the levels as points (sigma^power, score^power in per mille)."""
-    colours = [
-        theme.WRONG if one.collapsed or one.failed else theme.NOMINAL if one.sigma == scale.recommended else theme.GTF
-        for one in levels
-    ]
-    values = [(_PERMILLE * one.score) ** power if math.isfinite(one.score) else None for one in levels]
+    colours = [_colour(level, scale) for level in levels]
+    values = [(_PERMILLE * level.score) ** power if math.isfinite(level.score) else None for level in levels]
     # The relative spread of a power is that many times the relative spread.
-    spreads = [power * one.spread if math.isfinite(one.spread) else 0.0 for one in levels]
+    spreads = [power * level.spread if math.isfinite(level.spread) else 0.0 for level in levels]
     return go.Scatter(
-        x=[one.sigma**power for one in levels],
+        x=[level.sigma**power for level in levels],
         y=values,
         error_y={
             "array": [(value or 0.0) * spread for value, spread in zip(values, spreads, strict=True)],
@@ -90,10 +87,16 @@ def _points(levels: list[NoiseLevel], power: int, scale: NoiseScale) -> go.Scatt
         },
         mode="markers",
         marker={"size": 10, "color": colours},
-        text=[_label(one) for one in levels],
+        text=[_label(level) for level in levels],
         hovertemplate="%{text}<extra></extra>",
         showlegend=False,
     )
+
+
+def _colour(level: NoiseLevel, scale: NoiseScale) -> str:
+    if level.collapsed or level.failed:
+        return theme.WRONG
+    return theme.NOMINAL if level.sigma == scale.recommended else theme.GTF
 
 
 def _label(level: NoiseLevel) -> str:
@@ -108,7 +111,7 @@ def _fitted(line: Line, end: float, factor: float) -> go.Scatter:
     ends = [0.0, end] if math.isfinite(line.slope) else []
     return go.Scatter(
         x=ends,
-        y=[factor * (line.intercept + line.slope * one) for one in ends],
+        y=[factor * (line.intercept + line.slope * end) for end in ends],
         mode="lines",
         name=label,
         line={"color": theme.GTF_DARK},

@@ -15,7 +15,7 @@ _LOG_FROM_RATIO = 10.0
 
 @dataclass(frozen=True)
 class OptionAxis:
-    """Hold the axis of one option: its scale, its ends, and the words of its categories in order."""
+    """Axis of one option: its scale, its ends, and the words of its categories in order."""
 
     option: str
     scale: AxisScale
@@ -29,7 +29,7 @@ class OptionAxis:
 
 
 def option_axis(option: str, axis: Axis, seen: Sequence[OptionValue] = ()) -> OptionAxis:
-    """Return the axis on which a searched option is drawn: log where the space is, with room for all values seen."""
+    """Return the axis of an option, logarithmic where the search space is, wide enough for all values seen."""
     if isinstance(axis, RangeAxis):
         numbers = [axis.low, axis.high, *(value for value in seen if isinstance(value, int | float))]
         return OptionAxis(option, "log" if axis.log else "linear", float(min(numbers)), float(max(numbers)))

@@ -19,7 +19,7 @@ _REPROJECTION = "mean_reprojection_error_px"
 
 @dataclass(frozen=True)
 class TrialPoint:
-    """Hold one trial for drawing; numbers are NaN where they are not known.
+    """One trial for drawing; numbers are NaN where they are not known.
 
     ``value``, ``low`` and ``high`` (95 % interval) are in the unit of the points, ``ground_truth`` in that of the
     ground truth, or relative to nominal where sequences are combined. ``coverage`` is that of the worst run.
@@ -41,13 +41,13 @@ class TrialPoint:
 
     @property
     def is_scored(self) -> bool:
-        """Tell whether the trial is feasible and has a value."""
+        """Whether the trial is feasible and has a value."""
         return self.state == "feasible" and math.isfinite(self.value)
 
 
 @dataclass(frozen=True)
 class PointSet:
-    """Hold the points of a study, or of one of its sequences, with the unit of their values.
+    """The trials of a study as points, over all its sequences or for one, with the unit of their values.
 
     ``truth_label`` names the unit of ``ground_truth``.
     """
@@ -74,7 +74,7 @@ class PointSet:
 
     @property
     def has_ground_truth(self) -> bool:
-        """Tell whether any feasible point has ground truth."""
+        """Whether any feasible point has ground truth."""
         return any(math.isfinite(point.ground_truth) for point in self.scored)
 
 
@@ -83,7 +83,7 @@ def study_points(data: StudyData) -> PointSet:
     if not data.has_several_sequences:
         return sequence_points(data, data.sequences[0].name)
     unit = definition_unit(data.definition)
-    truth, reprojection = _combined_truth(data), _reprojection(data, {one.name for one in data.sequences})
+    truth, reprojection = _combined_truth(data), _reprojection(data, {sequence.name for sequence in data.sequences})
     points = [
         _point(trial, trial.gtf_ate, unit, (trial.ci_low, trial.ci_high), truth, reprojection) for trial in data.trials
     ]
@@ -147,16 +147,16 @@ def _point(
 
 def _truth(data: StudyData, sequence: str) -> dict[int, float]:
     return {
-        number: one.value
+        number: error.value
         for number, found in data.validations.items()
-        for one in found
-        if one.sequence_name == sequence and one.value is not None
+        for error in found
+        if error.sequence_name == sequence and error.value is not None
     }
 
 
 def _combined_truth(data: StudyData) -> dict[int, float]:
     """Return the geometric mean over sequences of true error / that of nominal, as scores are combined."""
-    by_sequence = [_truth(data, one.name) for one in data.sequences]
+    by_sequence = [_truth(data, sequence.name) for sequence in data.sequences]
     usable = [errors for errors in by_sequence if errors.get(0, 0.0) > 0]
     numbers = set.intersection(*(set(errors) for errors in usable)) if usable else set()
     return {
@@ -173,8 +173,8 @@ def _geometric_mean(values: Iterable[float]) -> float:
 def _reprojection(data: StudyData, sequences: set[str]) -> dict[int, float]:
     """Return the mean reprojection error in pixels over the clean runs of each trial that reported one."""
     found: dict[int, list[float]] = {}
-    for one in data.runs:
-        value = one.run.diagnostics.get(_REPROJECTION)
-        if one.run.kind == "clean" and one.sequence_name in sequences and isinstance(value, int | float):
-            found.setdefault(one.number, []).append(float(value))
+    for use in data.runs:
+        value = use.run.diagnostics.get(_REPROJECTION)
+        if use.run.kind == "clean" and use.sequence_name in sequences and isinstance(value, int | float):
+            found.setdefault(use.number, []).append(float(value))
     return {number: fmean(values) for number, values in found.items()}

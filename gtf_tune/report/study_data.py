@@ -16,7 +16,7 @@ from gtf_tune.store.trials import Trial
 
 @dataclass(frozen=True, eq=False)
 class StudyData:
-    """Hold a study as it is stored: its trials with their matrices, ground truth beside them, confirmations.
+    """A study as it is stored: its trials with their matrices, ground truth beside them, confirmations.
 
     ``sequences`` are those that the search sees, ``holdouts`` the others. ``details`` and ``validations`` are by the
     number of the trial. ``runs`` are those of trials, ``confirmation_runs`` those of confirmations; both are empty
@@ -37,22 +37,24 @@ class StudyData:
 
     @property
     def feasible(self) -> tuple[Trial, ...]:
-        """Return the trials that may be picked."""
-        return tuple(one for one in self.trials if one.state == "complete" and one.feasible and one.value is not None)
+        """Return the complete trials whose runs all register enough frames."""
+        return tuple(
+            trial for trial in self.trials if trial.state == "complete" and trial.feasible and trial.value is not None
+        )
 
     @property
     def nominal(self) -> Trial | None:
         """Return trial 0 once it is complete and feasible, else None."""
-        return next((one for one in self.feasible if one.number == 0), None)
+        return next((trial for trial in self.feasible if trial.number == 0), None)
 
     @property
     def best(self) -> Trial | None:
-        """Return the feasible trial of the smallest value, the first of equals, or None before there is one."""
-        return min(self.feasible, key=lambda one: (one.value, one.number), default=None)
+        """Return the feasible trial with the smallest value, the first of equals, or None before there is one."""
+        return min(self.feasible, key=lambda trial: (trial.value, trial.number), default=None)
 
     @property
     def has_several_sequences(self) -> bool:
-        """Tell whether values are combined over sequences, relative to nominal."""
+        """Whether values are combined over sequences, relative to nominal."""
         return len(self.sequences) > 1
 
 
@@ -78,7 +80,7 @@ def read_trials(database: Database, name: str, numbers: Sequence[int]) -> StudyD
     """
     study = studies.get(database, name)
     found = [trials.get(database, study.id, number) for number in dict.fromkeys(numbers)]
-    used = [one for trial in found for one in runs.of_trial(database, trial.id)]
+    used = [use for trial in found for use in runs.of_trial(database, trial.id)]
     return replace(_with_trials(database, study, found, numbers), runs=tuple(used))
 
 
@@ -91,7 +93,7 @@ def read_study(database: Database, name: str) -> StudyData:
         There is no such study.
     """
     search = read_search(database, name)
-    keys = {key: None for one in search.confirmations for key in one.definition.get("run_keys") or ()}
+    keys = {key: None for confirmation in search.confirmations for key in confirmation.definition.get("run_keys") or ()}
     return replace(
         search,
         runs=tuple(runs.of_study(database, search.study.id)),
@@ -101,8 +103,8 @@ def read_study(database: Database, name: str) -> StudyData:
 
 def runs_made(runs: Sequence[TrialRun]) -> tuple[TrialRun, ...]:
     """Return each run that was executed for a trial of this study, once, in the order in which they started."""
-    first = {one.run.id: one for one in reversed(runs) if not one.reused}
-    return tuple(sorted(first.values(), key=lambda one: (one.run.started_at, one.run.id)))
+    first = {use.run.id: use for use in reversed(runs) if not use.reused}
+    return tuple(sorted(first.values(), key=lambda use: (use.run.started_at, use.run.id)))
 
 
 def _with_trials(
@@ -110,15 +112,15 @@ def _with_trials(
 ) -> StudyData:
     definition = stored_definition(study)
     known = studies.sequences(database, study.id)
-    searched = {one.name for one in definition.searched_sequences}
-    by_id = trials.details(database, [one.id for one in found])
+    searched = {sequence.name for sequence in definition.searched_sequences}
+    by_id = trials.details(database, [trial.id for trial in found])
     return StudyData(
         study=study,
         definition=definition,
-        sequences=tuple(one for one in known if one.name in searched),
-        holdouts=tuple(one for one in known if one.name not in searched),
+        sequences=tuple(sequence for sequence in known if sequence.name in searched),
+        holdouts=tuple(sequence for sequence in known if sequence.name not in searched),
         trials=tuple(found),
-        details={one.number: by_id.get(one.id) or {} for one in found},
+        details={trial.number: by_id.get(trial.id) or {} for trial in found},
         validations=ground_truth_errors.of_study(database, study.id, numbers),
         confirmations=tuple(confirmations.of_study(database, study.id)),
         storage=database.shown_url,

@@ -1,4 +1,4 @@
-"""Write the Markdown of notes, in which texts of users and programs cannot change the layout."""
+"""Markdown of notes, in which texts of users and programs cannot change the layout."""
 
 from collections.abc import Iterable, Sequence
 
@@ -25,5 +25,5 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _row(cells: Sequence[str]) -> str:
-    # optuna-dashboard puts no room between the columns of a table.
+    # optuna-dashboard puts no space between the columns of a table.
     return "| " + " | ".join(f"{cell}{_WIDE_SPACE}" for cell in cells) + " |"

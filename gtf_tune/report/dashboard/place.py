@@ -1,4 +1,4 @@
-"""Say where the files go that optuna-dashboard shows beside trials, and whose turn it is to write."""
+"""Where optuna-dashboard's files lie, and which process may write its content."""
 
 import fcntl
 import os
@@ -41,10 +41,10 @@ def artifact_store(folder: Path | None) -> FileSystemArtifactStore | None:
 
 @contextmanager
 def turn_to_write(database: Database, study_id: int, patience_s: float = 0.0) -> Iterator[bool]:
-    """Yield whether this process alone may write the dashboard's content of a study, for the length of a context.
+    """Take the lock on the dashboard's content of a study for the length of a context; yield whether it was free.
 
-    Waits at most ``patience_s``. The operating system or the server takes the turn back from a process that dies. On
-    SQLite the lock is on the folder of the file: a second handle of the file itself would drop SQLite's own locks.
+    Waits at most ``patience_s``. A process that dies loses the lock. On SQLite the lock is on the folder of the file:
+    a second handle of the file itself would drop SQLite's own locks.
     """
     if database.url.get_backend_name() == "sqlite":
         with _locked_folder(Path(str(database.url.database)).resolve().parent, patience_s) as mine:
@@ -58,7 +58,7 @@ def turn_to_write(database: Database, study_id: int, patience_s: float = 0.0) ->
             yield mine
         finally:
             if mine:
-                with suppress(DBAPIError):  # a server that dropped the connection has taken the turn back already
+                with suppress(DBAPIError):  # a server that dropped the connection has released the lock already
                     connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": key})
 
 

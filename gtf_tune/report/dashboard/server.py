@@ -37,8 +37,8 @@ def serve_dashboard(
 ) -> None:
     """Serve the studies of a database in optuna-dashboard until Ctrl-C, and keep notes, figures and files up to date.
 
-    ``announce`` receives sentences for the user, the link among them. Port 0 takes any free port. optuna-dashboard asks
-    nobody for a password: only a loopback address keeps others from deleting studies.
+    ``announce`` receives sentences for the user, the link among them. Port 0 takes any free port. optuna-dashboard has
+    no passwords: only a loopback address keeps others from deleting studies.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def serve_dashboard(
         Upkeep(database, artifacts=artifacts, warn=announce),
     ):
         if host not in _LOOPBACK:
-            announce(f"warning: whoever reaches {host} can change and delete studies; prefer an ssh tunnel")
+            announce(f"warning: anybody who can reach {host} can change and delete studies; prefer an ssh tunnel")
         announce(f"dashboard of {database.shown_url}: {server.link} (Ctrl-C ends it)")
         if open_browser:
             webbrowser.open(server.link)
@@ -61,7 +61,7 @@ def serve_dashboard(
 
 
 class DashboardServer:
-    """Hold a port on which optuna-dashboard answers while `serve` runs, in any thread.
+    """Server of optuna-dashboard; it answers while `serve` runs, in any thread.
 
     Raises
     ------
@@ -88,7 +88,7 @@ class DashboardServer:
         self.link = f"{self.url}/dashboard{_only_study(database)}"
 
     def serve(self) -> None:
-        """Answer requests until `stop` is called from another thread."""
+        """Handle requests until `stop` is called from another thread."""
         self._http.serve_forever(poll_interval=_POLL_S)
 
     def stop(self) -> None:
@@ -108,7 +108,7 @@ class _Server(ThreadingMixIn, WSGIServer):
     daemon_threads = True
 
     def server_bind(self) -> None:
-        # The standard library asks the name service for the own name here, which can take seconds without a network.
+        # The standard library looks up its own host name here, which can take seconds without a network.
         if ":" in str(self.server_address[0]):
             self.address_family = socket.AF_INET6
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -136,7 +136,7 @@ def _only_study(database: Database) -> str:
 
 
 def _refuse_other_names(application: _Application) -> _Application:
-    """Answer only to requests for this machine's own names: a web page elsewhere may point its name at 127.0.0.1."""
+    """Refuse requests under other names than this machine's own, since any web page may point its name at 127.0.0.1."""
 
     def checked(environ: dict[str, Any], start_response: Callable[..., Any]) -> Iterable[bytes]:
         host = str(environ.get("HTTP_HOST", ""))
@@ -144,6 +144,6 @@ def _refuse_other_names(application: _Application) -> _Application:
         if name.lower() in _LOOPBACK:
             return application(environ, start_response)
         start_response("403 Forbidden", [("Content-Type", "text/plain")])
-        return [b"This dashboard answers to 127.0.0.1 and localhost only.\n"]
+        return [b"This dashboard is available as 127.0.0.1 and localhost only.\n"]
 
     return checked

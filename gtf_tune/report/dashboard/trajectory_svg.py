@@ -1,4 +1,4 @@
-"""Draw the trajectories of one trial as a small SVG image, which needs no browser and no other package."""
+"""The trajectories of one trial as a small SVG image, which needs no browser and no other package."""
 
 from collections.abc import Sequence
 from html import escape
@@ -38,7 +38,7 @@ def trajectory_svg(runs: Sequence[AlignedRun], title: str) -> bytes:
 
 
 class _Frame:
-    """Map positions in extents to pixels, all with one scale."""
+    """Mapping of positions in extents to pixels, with the same scale along both axes."""
 
     def __init__(self, low: FloatArray, scale: float, height: int) -> None:
         self._low = low

@@ -1,4 +1,4 @@
-"""Keep optuna-dashboard's content up to date while it is served: workers write none of it."""
+"""Updates of optuna-dashboard's content while it is served, as workers write none of it."""
 
 import threading
 import time
@@ -15,9 +15,9 @@ _PATIENCE_S = 2.0
 
 
 class Upkeep:
-    """Bring the content of every study that has changed up to date, in a thread, for the length of a context.
+    """Thread that updates the content of every study that has changed, for the length of a context.
 
-    The newest study comes first. ``warn`` hears of the first fault, and nothing here raises.
+    The newest study comes first. ``warn`` is called with the first fault; nothing here raises.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Upkeep:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        """End the thread, or leave it after a moment: what it leaves half done is written again next time."""
+        """End the thread, or abandon it after two seconds: what it leaves unfinished is written again next time."""
         self._ended.set()
         self._thread.join(_PATIENCE_S)
 
@@ -58,7 +58,7 @@ class Upkeep:
                 for name in reversed(studies.names(database)):
                     if not self._ended.is_set():
                         self._follow(database, name)
-            except Exception as error:  # the dashboard goes on with what it has, whatever is wrong
+            except Exception as error:  # the dashboard goes on with the content it has
                 self._warn_once(f"optuna-dashboard's content could not be brought up to date ({error})")
             self._ended.wait(self._refresh_s)
         if database is not None:

@@ -1,4 +1,4 @@
-"""Write notes, figures and files into the places where optuna-dashboard finds them."""
+"""Where optuna-dashboard finds notes, figures and files, and how they are written there."""
 
 import io
 import json
@@ -44,7 +44,7 @@ class DashboardWriter:
         return self.study._study_id
 
     def write_headline(self, metric: str, facts: Mapping[str, str]) -> None:
-        """Name the metric, and set short facts that the list of studies shows."""
+        """Set the name of the metric, and short facts that the list of studies shows."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ExperimentalWarning)
             self.study.set_metric_names([metric])
@@ -68,7 +68,7 @@ class DashboardWriter:
         """Return the ids of the trials that have a note."""
         # optuna-dashboard numbers the versions of a note under this name.
         parts = (key.split(":") for key in self.storage.get_study_system_attrs(self.study_id))
-        return {int(one[1]) for one in parts if len(one) == 3 and one[0] == "dashboard" and one[2] == "note_ver"}
+        return {int(part[1]) for part in parts if len(part) == 3 and part[0] == "dashboard" and part[2] == "note_ver"}
 
     def written_for(self) -> str:
         """Return the state of the study for which its note and figures were written last; empty if never."""
@@ -90,14 +90,15 @@ class DashboardWriter:
     def write_trial_file(self, trial_id: int, attachment: Attachment) -> None:
         """Replace the file of this name of a trial.
 
-        Its record is kept with the study, where optuna-dashboard looks too: Optuna lets nobody change a finished trial.
+        Its record is kept with the study, where optuna-dashboard looks too: Optuna does not allow changes of a finished
+        trial.
         """
         self._write_file(attachment, str(trial_id), f"dashboard:artifacts:{trial_id}:")
 
     def _write_file(self, attachment: Attachment, owner: str, prefix: str) -> None:
         if self.artifacts is None:
             return
-        # The same file always has the same id, so that whoever writes it again replaces it.
+        # The same file always has the same id, so that writing it again replaces it.
         identity = str(uuid.uuid5(_NAMESPACE, f"{self.study.study_name}/{self.study_id}/{owner}/{attachment.name}"))
         self.artifacts.write(identity, io.BytesIO(attachment.content))
         record = {"artifact_id": identity, "filename": attachment.name, "mimetype": attachment.media_type}
@@ -106,7 +107,7 @@ class DashboardWriter:
 
 @dataclass(frozen=True)
 class _TrialHandle:
-    """Name a trial to `optuna_dashboard.save_note` as an `optuna.Trial` would, whose making involves the sampler."""
+    """What `optuna_dashboard.save_note` needs of an `optuna.Trial`; creating a real one would involve the sampler."""
 
     study: optuna.Study
     storage: BaseStorage
@@ -114,7 +115,7 @@ class _TrialHandle:
 
 
 def small(figure: Any) -> Any:
-    """Return a figure that takes little room in the database: six digits, and hover texts only where points are few."""
+    """Return a figure that takes little space in the database: six digits, hover texts only where points are few."""
     for trace in figure.data:
         if trace.hovertext is not None and len(trace.x if trace.x is not None else ()) > _MOST_HOVERED:
             trace.update(hovertext=None, hoverinfo="x+y")

@@ -29,6 +29,6 @@ def trial_text(point: TrialPoint, points: PointSet) -> str:
 
 
 def shortened(text: str, longest: int = _LONGEST) -> str:
-    """Return at most so many characters of a text on one line, safe inside a figure."""
+    """Return a text on one line of at most ``longest`` characters, escaped for a figure."""
     line = " ".join(text.split())
     return escape(line if len(line) <= longest else line[: longest - 1] + "…")

@@ -75,7 +75,7 @@ def titled(drawn: go.Figure, title: str) -> go.Figure:
 
 
 def restyled(drawn: go.Figure, height: int = HEIGHT_PX) -> go.Figure:
-    """Return someone else's figure in the style of the report, without its title."""
+    """Return a figure made by Optuna in the style of the report, without its title."""
     kept = drawn.layout.to_plotly_json()
     layout = {name: kept[name] for name in ("xaxis", "yaxis", "annotations", "shapes") if name in kept}
     plain = figure(height, **layout)

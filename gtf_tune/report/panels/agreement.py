@@ -21,11 +21,11 @@ _PIXELS = "mean reprojection error [px]"
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """Hold a scatter of n trials with its least-squares line.
+    """Two numbers of n trials against each other, with the least-squares line.
 
     ``r_squared`` is the squared correlation of the values as they are (the paper's figure of merit), ``spearman`` the
-    rank correlation; both NaN, as ``slope`` and ``intercept``, where either side is constant. ``is_log`` says that the
-    values spread so far that axes should be logarithmic.
+    rank correlation; both NaN, like ``slope`` and ``intercept``, where either side is constant. ``is_log``: whether the
+    values of x and of y spread so far that the axis should be logarithmic.
     """
 
     x: FloatArray
@@ -48,16 +48,16 @@ def agreement(
     points: Sequence[TrialPoint], x: Callable[[TrialPoint], float], y: Callable[[TrialPoint], float]
 ) -> Agreement | None:
     """Return how two numbers of the feasible trials go together, or None for fewer than three trials with both."""
-    chosen = [one for one in points if one.is_scored and math.isfinite(x(one)) and math.isfinite(y(one))]
+    chosen = [point for point in points if point.is_scored and math.isfinite(x(point)) and math.isfinite(y(point))]
     if len(chosen) < _FEWEST:
         return None
-    xs, ys = np.array([x(one) for one in chosen]), np.array([y(one) for one in chosen])
+    xs, ys = np.array([x(point) for point in chosen]), np.array([y(point) for point in chosen])
     slope = intercept = r_squared = spearman = math.nan
     if np.ptp(xs) > 0 and np.ptp(ys) > 0:
         fit = stats.linregress(xs, ys)
         slope, intercept, r_squared = float(fit.slope), float(fit.intercept), float(fit.rvalue) ** 2
         spearman = float(stats.spearmanr(xs, ys).statistic)
-    numbers = tuple(one.number for one in chosen)
+    numbers = tuple(point.number for point in chosen)
     return Agreement(xs, ys, numbers, slope, intercept, r_squared, spearman, (_spreads_far(xs), _spreads_far(ys)))
 
 
@@ -143,7 +143,7 @@ def _agreements(points: PointSet, *, is_one_of_several: bool) -> list[Block]:
     )
     blocks: list[Block] = []
     for title, x, y, labels, colour in pairs:
-        known = [one for one in points.scored if math.isfinite(x(one)) and math.isfinite(y(one))]
+        known = [point for point in points.scored if math.isfinite(x(point)) and math.isfinite(y(point))]
         found = agreement(known, x, y)
         if found is not None:
             name = f"{title} ({points.title})"

@@ -1,4 +1,4 @@
-"""What a study cost: runs, time, memory, and what was not done twice."""
+"""What a study cost: runs, time, memory, and what was reused instead of repeated."""
 
 import math
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ _STAGE_COLOURS = (
 
 @dataclass(frozen=True)
 class StudyCost:
-    """Hold what a study cost.
+    """Cost of a study.
 
     ``uses`` counts the runs that trials needed, ``made`` those executed for them, ``reused`` those found in the
     database, ``failed`` the failed ones among ``made``. ``compute_s`` adds the seconds of the runs made, ``elapsed_s``
@@ -51,9 +51,10 @@ class StudyCost:
 
 @dataclass(frozen=True)
 class StageCost:
-    """Hold what one stage cost over all runs made.
+    """Cost of one stage over all runs made.
 
-    ``computed`` runs did the work, ``cached`` runs found it in the stage cache; ``mean_s`` is per run that did it.
+    ``computed`` runs did the work, ``cached`` runs found the result in the stage cache; ``mean_s`` is the mean over
+    the ``computed`` runs.
     """
 
     stage: str
@@ -66,7 +67,7 @@ class StageCost:
 
 @dataclass(frozen=True)
 class RunCost:
-    """Hold time and memory of the runs made on one sequence, clean or noisy."""
+    """Time and memory of the runs made on one sequence, clean or noisy."""
 
     sequence: str
     kind: str
@@ -80,23 +81,23 @@ class RunCost:
 def study_cost(data: StudyData) -> StudyCost:
     """Return the totals of a study."""
     made = runs_made(data.runs)
-    ended = [one.finished_at for one in data.trials if one.finished_at is not None]
-    started = [one.started_at for one in data.trials if one.started_at]
+    ended = [trial.finished_at for trial in data.trials if trial.finished_at is not None]
+    started = [trial.started_at for trial in data.trials if trial.started_at]
     return StudyCost(
         uses=len(data.runs),
         made=len(made),
-        reused=sum(one.reused for one in data.runs),
-        failed=sum(one.run.status == "failed" for one in made),
-        compute_s=math.fsum(one.run.wall_s for one in made),
+        reused=sum(use.reused for use in data.runs),
+        failed=sum(use.run.status == "failed" for use in made),
+        compute_s=math.fsum(use.run.wall_s for use in made),
         elapsed_s=max(ended) - min(started) if ended and started else math.nan,
-        machines=tuple(sorted({one.run.host for one in made if one.run.host})),
+        machines=tuple(sorted({use.run.host for use in made if use.run.host})),
         confirmation_runs=len(data.confirmation_runs),
         confirmation_s=math.fsum(run.wall_s for run in data.confirmation_runs),
     )
 
 
 def stage_costs(runs: Sequence[StoredRun]) -> tuple[StageCost, ...]:
-    """Return what the stages cost, the most expensive first; what no stage claims comes last."""
+    """Return what the stages cost, the most expensive first; the time outside all stages comes last."""
     seconds: dict[str, list[float]] = {}
     cached: dict[str, int] = {}
     rest = []
@@ -118,8 +119,8 @@ def stage_costs(runs: Sequence[StoredRun]) -> tuple[StageCost, ...]:
 def run_costs(runs: Sequence[TrialRun]) -> tuple[RunCost, ...]:
     """Return time and memory of runs by sequence and kind."""
     groups: dict[tuple[str, str], list[StoredRun]] = {}
-    for one in runs:
-        groups.setdefault((one.sequence_name, one.run.kind), []).append(one.run)
+    for use in runs:
+        groups.setdefault((use.sequence_name, use.run.kind), []).append(use.run)
     return tuple(_run_cost(*key, group) for key, group in sorted(groups.items()))
 
 
@@ -150,7 +151,7 @@ def stage_figure(stages: Sequence[StageCost]) -> go.Figure:
 
 
 def costs_panel(report: ReportInput) -> list[Block]:
-    """Return time by stage with cache hits, time and memory by run, and how many runs were not done twice."""
+    """Return time by stage with cache hits, time and memory by run, and how many runs were reused."""
     made = runs_made(report.data.runs)
     if not made:
         return [markup.missing("No run was made for this study, so it cost no time.")]
@@ -162,12 +163,19 @@ def costs_panel(report: ReportInput) -> list[Block]:
             f"took {duration(cost.elapsed_s)}, on {count(len(cost.machines), 'machine')}.{_confirmation_text(cost)}"
         )
     ]
-    stages = stage_costs([one.run for one in made])
+    stages = stage_costs([use.run for use in made])
     if stages:
         blocks.append(Drawing("stages", "", stage_figure(stages), is_wide=True))
         rows = [
-            (one.stage, duration(one.total_s), share(one.share), duration(one.mean_s), one.computed, one.cached)
-            for one in stages
+            (
+                stage.stage,
+                duration(stage.total_s),
+                share(stage.share),
+                duration(stage.mean_s),
+                stage.computed,
+                stage.cached,
+            )
+            for stage in stages
         ]
         blocks.append(markup.table(["stage", ">total", ">share", ">mean", ">computed", ">from the cache"], rows))
     else:
@@ -206,15 +214,15 @@ def _confirmation_text(cost: StudyCost) -> str:
 def _run_table(report: ReportInput) -> Html:
     rows = [
         (
-            one.sequence,
-            one.kind,
-            one.runs,
-            duration(one.median_s),
-            duration(one.longest_s),
-            memory(one.median_bytes),
-            memory(one.largest_bytes),
+            cost.sequence,
+            cost.kind,
+            cost.runs,
+            duration(cost.median_s),
+            duration(cost.longest_s),
+            memory(cost.median_bytes),
+            memory(cost.largest_bytes),
         )
-        for one in run_costs(runs_made(report.data.runs))
+        for cost in run_costs(runs_made(report.data.runs))
     ]
     columns = ["sequence", "kind", ">runs", ">median time", ">longest", ">median peak memory", ">largest"]
     return markup.table(columns, rows)

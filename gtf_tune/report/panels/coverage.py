@@ -57,7 +57,7 @@ def coverage_panel(report: ReportInput) -> list[Block]:
     data, points = report.data, study_points(report.data)
     if not any(math.isfinite(point.coverage) for point in points.points):
         return [markup.missing("No trial is complete yet, so there is no coverage to show.")]
-    drawn = coverage_figure(points, [floor for one in data.sequences for floor in _floors(data, one.name)])
+    drawn = coverage_figure(points, [floor for sequence in data.sequences for floor in _floors(data, sequence.name)])
     return [Drawing("coverage", "", drawn, is_wide=True)]
 
 

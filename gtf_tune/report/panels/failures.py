@@ -16,7 +16,7 @@ _LISTED_TRIALS = 12
 
 @dataclass(frozen=True)
 class RunFailure:
-    """Hold one reason why runs failed; ``example_key`` is the key of the first such run, whose log may be shown."""
+    """One reason why runs failed; ``example_key`` is the key of the first such run, whose log is shown."""
 
     reason: str
     runs: int
@@ -28,7 +28,7 @@ class RunFailure:
 
 @dataclass(frozen=True)
 class TrialFault:
-    """Hold one reason why trials have no score, or why some of their pairs of runs have no error."""
+    """One reason why trials have no score, or why some of their pairs of runs have no error."""
 
     what: str
     reason: str
@@ -39,24 +39,23 @@ class TrialFault:
 def run_failures(data: StudyData) -> tuple[RunFailure, ...]:
     """Return why runs failed, the most frequent reason first."""
     groups: dict[str, list[tuple[int, str, str, str]]] = {}
-    for one in runs_made(data.runs):
-        if one.run.status == "failed":
-            name = f"{one.run.kind} run {one.run.index} of trial {one.number} on {one.sequence_name}"
-            groups.setdefault(one.run.error or _NO_REASON, []).append(
-                (one.number, one.sequence_name, name, one.run.key)
-            )
+    for use in runs_made(data.runs):
+        if use.run.status == "failed":
+            name = f"{use.run.kind} run {use.run.index} of trial {use.number} on {use.sequence_name}"
+            member = (use.number, use.sequence_name, name, use.run.key)
+            groups.setdefault(use.run.error or _NO_REASON, []).append(member)
     found = [
         RunFailure(
             reason=reason,
             runs=len(group),
-            numbers=tuple(sorted({one[0] for one in group})),
-            sequences=tuple(sorted({one[1] for one in group})),
+            numbers=tuple(sorted({member[0] for member in group})),
+            sequences=tuple(sorted({member[1] for member in group})),
             example=group[0][2],
             example_key=group[0][3],
         )
         for reason, group in groups.items()
     ]
-    return tuple(sorted(found, key=lambda one: -one.runs))
+    return tuple(sorted(found, key=lambda failure: -failure.runs))
 
 
 def trial_faults(data: StudyData) -> tuple[TrialFault, ...]:
@@ -77,11 +76,11 @@ def failures_panel(report: ReportInput) -> list[Block]:
     failures, faults = run_failures(report.data), trial_faults(report.data)
     if not failures and not faults:
         return [markup.missing("Nothing failed: every run ended with a trajectory, and every trial is feasible.")]
-    blocks: list[Block] = [_failure(one, report) for one in failures]
+    blocks: list[Block] = [_failure(failure, report) for failure in failures]
     if not failures:
         blocks.append(markup.missing("No run failed."))
     if faults:
-        rows = [(one.what, one.reason, one.count, _trial_list(one.numbers)) for one in faults]
+        rows = [(fault.what, fault.reason, fault.count, _trial_list(fault.numbers)) for fault in faults]
         blocks.append(markup.table(["what", "reason", ">count", "trials"], rows))
     return blocks
 
@@ -103,7 +102,7 @@ def _failure(failure: RunFailure, report: ReportInput) -> Html:
 
 
 def _trial_list(numbers: tuple[int, ...]) -> str:
-    shown = ", ".join(str(one) for one in numbers[:_LISTED_TRIALS])
+    shown = ", ".join(str(number) for number in numbers[:_LISTED_TRIALS])
     return shown + (f" and {len(numbers) - _LISTED_TRIALS} more" if len(numbers) > _LISTED_TRIALS else "")
 
 

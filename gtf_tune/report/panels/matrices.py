@@ -20,7 +20,7 @@ _MOST_LABELLED = 400
 
 def matrix_range(details: Sequence[SequenceDetail], unit: ScoreUnit) -> tuple[float, float]:
     """Return the smallest and the largest error of several matrices in the shown unit, so that they share colours."""
-    values = [float(value) * unit.factor for one in details for value in one.matrix.ravel() if math.isfinite(value)]
+    values = [float(value) * unit.factor for detail in details for value in detail.matrix.ravel()]
     positive = [value for value in values if value > 0]
     return (min(positive), max(positive)) if positive else (1.0, 1.0)
 

@@ -28,7 +28,7 @@ _MOST_FIGURES = 40
 
 @dataclass(frozen=True)
 class OptionCurve:
-    """Hold the points of one option, sorted along its axis.
+    """The trials over one option, sorted along its axis.
 
     ``line`` are the points to connect: all of them where only this option is searched, the best at each level where
     there are few levels, otherwise none, because the other options vary between neighbours. ``stopped`` are trials
@@ -64,14 +64,16 @@ def option_curve(points: PointSet, axis: OptionAxis, searched: int) -> OptionCur
     placed = [
         (axis.place(point.options[axis.option]), point) for point in points.points if axis.option in point.options
     ]
-    scored = sorted(((x, point) for x, point in placed if point.is_scored), key=lambda one: (one[0], one[1].number))
+    scored = sorted(((x, point) for x, point in placed if point.is_scored), key=lambda pair: (pair[0], pair[1].number))
     places = tuple(x for x, _ in scored)
     is_alone = searched == 1
     return OptionCurve(
         axis=axis,
         points=tuple(point for _, point in scored),
         places=places,
-        line=tuple(range(len(scored))) if is_alone else _best_of_each_level(places, [one.value for _, one in scored]),
+        line=(
+            tuple(range(len(scored))) if is_alone else _best_of_each_level(places, [point.value for _, point in scored])
+        ),
         stopped=tuple((x, point) for x, point in placed if point.state == "pruned" and math.isfinite(point.value)),
         outside=tuple((x, point) for x, point in placed if point.state != "running" and math.isnan(point.value)),
         is_alone=is_alone,
@@ -156,7 +158,7 @@ class _Canvas:
         self._add_marks(self._beside(_BESIDE), _truth, "y2", name=self._truth_name, marker=marker)
 
     def add_interval(self) -> None:
-        """Add a band where neighbours may be connected, and else nothing: single intervals are error bars."""
+        """Add the intervals as a band where neighbours may be connected; elsewhere they are error bars."""
         if not self.curve.is_alone or self.has_categories:
             return
         band = {"x": list(self.curve.places), "line": {"width": 0}, "hoverinfo": "skip", "mode": "lines"}

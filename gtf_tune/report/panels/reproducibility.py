@@ -10,7 +10,7 @@ from gtf_tune.report.study_data import StudyData
 
 @dataclass(frozen=True)
 class SequenceOrigin:
-    """Hold what identifies the images of one sequence; ``sigma`` is the noise in grey levels, as text."""
+    """What identifies the images of one sequence; ``sigma`` is the noise in grey levels, as text."""
 
     name: str
     role: str
@@ -26,7 +26,7 @@ class SequenceOrigin:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Hold the definition of a study as indented JSON, the versions that its runs saw, and its sequences."""
+    """Definition of a study as indented JSON, versions of the programs that ran, seeds and sequences."""
 
     definition: str
     versions: tuple[tuple[str, str], ...]
@@ -46,43 +46,43 @@ def provenance(data: StudyData) -> Provenance:
         sampler=data.definition.search.sampler,
         sequences=tuple(
             SequenceOrigin(
-                name=one.name,
-                role="searched" if one in data.sequences else "held out",
-                path=one.path,
-                layout=one.layout,
-                frames=one.num_frames,
-                size=f"{one.width} x {one.height}",
-                camera=one.camera,
-                has_ground_truth=one.has_ground_truth,
-                sigma=str(sigmas.get(one.name, data.definition.gtf.noise_sigma)),
-                fingerprint=one.fingerprint,
+                name=sequence.name,
+                role="searched" if sequence in data.sequences else "held out",
+                path=sequence.path,
+                layout=sequence.layout,
+                frames=sequence.num_frames,
+                size=f"{sequence.width} x {sequence.height}",
+                camera=sequence.camera,
+                has_ground_truth=sequence.has_ground_truth,
+                sigma=str(sigmas.get(sequence.name, data.definition.gtf.noise_sigma)),
+                fingerprint=sequence.fingerprint,
             )
-            for one in (*data.sequences, *data.holdouts)
+            for sequence in (*data.sequences, *data.holdouts)
         ),
-        threads=tuple(sorted({one.run.threads for one in data.runs})),
+        threads=tuple(sorted({use.run.threads for use in data.runs})),
     )
 
 
 def reproducibility_panel(report: ReportInput) -> list[Block]:
-    """Return versions, seeds, fingerprints and the whole definition."""
+    """Return versions, seeds, fingerprints and the whole definition of the study."""
     found = provenance(report.data)
     facts = [*found.versions, ("sampler", found.sampler), ("seed of the study", str(found.seed))]
-    facts.append(("threads of a run", ", ".join(str(one) for one in found.threads) or "-"))
+    facts.append(("threads of a run", ", ".join(str(threads) for threads in found.threads) or "-"))
     facts.append(("storage", report.data.storage))
     sequences = [
         (
-            one.name,
-            one.role,
-            one.path,
-            one.layout,
-            one.frames,
-            one.size,
-            one.camera,
-            one.sigma,
-            "yes" if one.has_ground_truth else "no",
-            markup.cell(markup.code(one.fingerprint)),
+            sequence.name,
+            sequence.role,
+            sequence.path,
+            sequence.layout,
+            sequence.frames,
+            sequence.size,
+            sequence.camera,
+            sequence.sigma,
+            "yes" if sequence.has_ground_truth else "no",
+            markup.cell(markup.code(sequence.fingerprint)),
         )
-        for one in found.sequences
+        for sequence in found.sequences
     ]
     columns = [
         "sequence",
@@ -103,9 +103,9 @@ def reproducibility_panel(report: ReportInput) -> list[Block]:
 
 
 def _versions(data: StudyData) -> tuple[tuple[str, str], ...]:
-    """Return every version that any run or the creation of the study saw, by name; several are joined."""
+    """Return the versions at the creation of the study and of its runs, by name; several of one name are joined."""
     seen: dict[str, set[str]] = {}
-    for versions in (data.study.resolved.get("versions") or {}, *(one.run.versions for one in data.runs)):
+    for versions in (data.study.resolved.get("versions") or {}, *(use.run.versions for use in data.runs)):
         for name, version in versions.items():
             seen.setdefault(str(name), set()).add(str(version))
     return tuple((name, ", ".join(sorted(found))) for name, found in sorted(seen.items()))

@@ -23,7 +23,7 @@ _RUN_COLOURS = {"clean": theme.NOMINAL, "noisy": theme.GTF, "failed": theme.WRON
 
 @dataclass(frozen=True)
 class TimelineBar:
-    """Hold one run on the timeline: seconds since the first run began, and the lane of its machine.
+    """One run on the timeline: seconds since the first run began, and a lane of its machine.
 
     Runs that overlapped on one machine lie in different lanes, counted from 0.
     """
@@ -41,12 +41,12 @@ class TimelineBar:
 
 def timeline(runs: Sequence[TrialRun]) -> tuple[TimelineBar, ...]:
     """Return a bar for each run, by machine and start."""
-    timed = sorted((one for one in runs if one.run.started_at > 0), key=lambda one: one.run.started_at)
+    timed = sorted((use for use in runs if use.run.started_at > 0), key=lambda use: use.run.started_at)
     if not timed:
         return ()
     begin = timed[0].run.started_at
     free_at: dict[str, list[float]] = {}
-    bars = [_bar(one, begin, free_at.setdefault(one.run.host or _UNKNOWN_HOST, [])) for one in timed]
+    bars = [_bar(use, begin, free_at.setdefault(use.run.host or _UNKNOWN_HOST, [])) for use in timed]
     return tuple(sorted(bars, key=lambda bar: (bar.host, bar.start_s)))
 
 
@@ -105,15 +105,15 @@ def timeline_panel(report: ReportInput) -> list[Block]:
     return [Drawing("timeline", "", timeline_figure(bars), is_wide=True)]
 
 
-def _bar(one: TrialRun, begin: float, free_at: list[float]) -> TimelineBar:
-    run = one.run
+def _bar(use: TrialRun, begin: float, free_at: list[float]) -> TimelineBar:
+    run = use.run
     start_s = run.started_at - begin
     lane = next((index for index, free in enumerate(free_at) if free <= start_s), len(free_at))
     if lane == len(free_at):
         free_at.append(0.0)
     free_at[lane] = start_s + run.wall_s
     host = run.host or _UNKNOWN_HOST
-    return TimelineBar(host, lane, start_s, run.wall_s, one.number, run.kind, run.index, one.sequence_name, run.status)
+    return TimelineBar(host, lane, start_s, run.wall_s, use.number, run.kind, run.index, use.sequence_name, run.status)
 
 
 def _kind(bar: TimelineBar) -> str:
