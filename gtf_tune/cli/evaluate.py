@@ -55,6 +55,8 @@ def evaluate(
     measured = section_from_dict(SideMetricDefinition, parse_pairs(side, "--side"), source="--side")
     wanted = Setting(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
     loaded = load_sequence(sequence, selection=parse_frames(frames), fewest=FEWEST_FRAMES)
+    for note in loaded.notes:
+        say(f"note: {note}")
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
         found = evaluate_setting(wanted, loaded, executor, on_run=say)
     if json:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.matching import matched_files
+from gtf_tune.cli.matching import Matching, matched_files
 from gtf_tune.cli.parameters import Json
 from gtf_tune.cli.terminal.console import number, write_json, write_line, write_pairs, write_table
 from gtf_tune.cli.terminal.grouping import GroupedCommands
@@ -88,6 +88,11 @@ Clean = Annotated[
 Noisy = Annotated[
     list[str], typer.Option("--noisy", metavar="PATH|GLOB", help="Trajectories from noisy images; repeatable.")
 ]
+Offset = Annotated[float, typer.Option("--offset", help="Seconds added to the times of the estimate.")]
+Delimiter = Annotated[
+    str | None,
+    typer.Option("--delimiter", help="What separates columns: ',', ';', tab, ... (default: found in the first line)."),
+]
 
 
 @app.command("ate")
@@ -97,6 +102,8 @@ def ate(
     alignment: AlignmentFlag = Alignment.sim3,
     format_: FormatFlag = Format.auto,
     max_difference: MaxDifference = 0.02,
+    offset: Offset = 0.0,
+    delimiter: Delimiter = None,
     json: Json = False,
 ) -> None:
     """Print the absolute trajectory error over matched positions.
@@ -105,7 +112,8 @@ def ate(
     """
     from gtf_tune.metrics import aligned_errors, summarise
 
-    first, second = matched_files(reference, estimate, format_.value, max_difference)
+    matching = Matching(format_.value, max_difference, offset, _character(delimiter))
+    first, second = matched_files(reference, estimate, matching)
     _write(summarise(aligned_errors(first, second, alignment.value)), "unit of the reference", json)
 
 
@@ -122,6 +130,8 @@ def rpe(
     alignment: AlignmentFlag = Alignment.sim3,
     format_: FormatFlag = Format.auto,
     max_difference: MaxDifference = 0.02,
+    offset: Offset = 0.0,
+    delimiter: Delimiter = None,
     json: Json = False,
 ) -> None:
     """Print the relative pose error over pairs of poses.
@@ -130,7 +140,8 @@ def rpe(
     """
     from gtf_tune.metrics import RpeSettings, rpe_errors, summarise
 
-    first, second = matched_files(reference, estimate, format_.value, max_difference)
+    matching = Matching(format_.value, max_difference, offset, _character(delimiter))
+    first, second = matched_files(reference, estimate, matching)
     settings = RpeSettings(relation.value, delta, unit.value, pairs.value, alignment.value)
     shown = "degrees" if relation is Relation.rotation else "unit of the reference"
     errors = rpe_errors(first, second, settings)
@@ -216,6 +227,10 @@ def _short_names(paths: Sequence[str]) -> list[str]:
     while min(map(len, parts)) > 1 and len({names[-1] for names in parts}) == 1:
         parts = [names[:-1] for names in parts]
     return ["/".join(names) for names in parts]
+
+
+def _character(delimiter: str | None) -> str | None:
+    return "\t" if delimiter in ("tab", r"\t") else delimiter
 
 
 def _require_pairs(errors: "FloatArray", distance: str, poses: int) -> None:

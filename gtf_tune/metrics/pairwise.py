@@ -123,7 +123,7 @@ def _relative_rmse(a: Trajectory, b: Sequence[Trajectory], block: PairBlock, set
     The loop is over pairs, because which poses make a pair is found greedily; the poses are done at once.
     """
     scales = block.scales.tolist()
-    paths = [matched_paths(a, source, scale) for source, scale in zip(b, scales, strict=True)]
+    paths = [matched_paths(a, source, scale, settings) for source, scale in zip(b, scales, strict=True)]
     errors = [relative_errors(*path, settings) for path in paths]
     return np.array([rms(values) if len(values) else np.nan for values in errors])
 

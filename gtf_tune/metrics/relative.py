@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gtf_tune.errors import TrajectoryError
 from gtf_tune.metrics.settings import RpeSettings
 from gtf_tune.trajectory import FloatArray, IntArray, Trajectory, associate_by_frame_id
 
@@ -117,8 +118,19 @@ def _angles_deg(quaternions: FloatArray) -> FloatArray:
     return angles
 
 
-def matched_paths(a: Trajectory, b: Trajectory, scale: float) -> tuple[PosePath, PosePath]:
-    """Return the poses of the frames that both have, those of b with positions times ``scale``."""
+def matched_paths(a: Trajectory, b: Trajectory, scale: float, settings: RpeSettings) -> tuple[PosePath, PosePath]:
+    """Return the poses of the frames that both have, those of b with positions times ``scale``.
+
+    Raises
+    ------
+    TrajectoryError
+        Poses are to lie seconds apart, but a has no times.
+    """
+    if settings.delta_unit == "seconds" and not a.has_timestamps:
+        raise TrajectoryError(
+            "expected times to find poses some seconds apart, but the trajectory has none, as for KITTI files; give "
+            "the distance in frames"
+        )
     ia, ib = associate_by_frame_id(a, b)
     return (
         PosePath(a.timestamps[ia], a.positions[ia], a.quaternions[ia]),

@@ -72,7 +72,7 @@ def rpe_errors(a: Trajectory, b: Trajectory, settings: RpeSettings) -> FloatArra
     TrajectoryError
         There are fewer than 4 matched frames, or positions lie on a line.
     """
-    return relative_errors(*matched_paths(a, b, align(a, b, settings.alignment).scale), settings)
+    return relative_errors(*matched_paths(a, b, align(a, b, settings.alignment).scale, settings), settings)
 
 
 def _only_pair(a: Trajectory, b: Trajectory, settings: MetricSettings) -> float:

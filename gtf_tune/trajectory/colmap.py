@@ -6,21 +6,32 @@ scalar part last. COLMAP 4 adds rigs and frames, but its images files keep the p
 
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.trajectory.formats import checked_quaternion, finite_numbers, read_binary, read_text
-from gtf_tune.trajectory.value import IntArray, Trajectory
+from gtf_tune.trajectory.formats import (
+    PER_SECOND,
+    checked_quaternion,
+    epoch_unit,
+    finite_numbers,
+    read_binary,
+    read_text,
+)
+from gtf_tune.trajectory.value import FloatArray, IntArray, Trajectory
 
 _IMAGE_COLUMNS = 10
 _POINT_COLUMNS = 3
 _COUNT = struct.Struct("<Q")
 _IMAGE = struct.Struct("<I7dI")
 _POINT_BYTES = 24
+_NUMBERED = re.compile(r"(?P<prefix>.*?)(?P<number>[0-9]{1,19})", re.DOTALL)
+_TIME = re.compile(r"[0-9]+(?:\.[0-9]+)?")
+_LARGEST_ID = np.iinfo(np.int64).max
 
 # Name, quaternion w, x, y, z and translation of cam_from_world.
 _Image = tuple[str, tuple[float, ...], tuple[float, ...]]
@@ -29,9 +40,11 @@ _Image = tuple[str, tuple[float, ...], tuple[float, ...]]
 def read_colmap(path: Path) -> Trajectory:
     """Read a model folder, an ``images.bin`` or an ``images.txt``; the names are those of the images.
 
-    Poses are in the natural order of the names (2.png before 10.png). Where all file names are different whole numbers,
-    as in ``000012.png``, these are the frame ids; else frame ids count poses from 0 (``ids_are_counted``). COLMAP knows
-    no time: timestamps are frame ids.
+    Poses are in the natural order of the names (2.png before 10.png). Where the names of all files differ only in a
+    whole number at the end, as in ``000012.png`` or ``frame_00012.jpg``, these numbers are the frame ids; else frame
+    ids count poses from 0 (``ids_are_counted``). COLMAP knows no times (``has_timestamps``): timestamps are frame ids,
+    unless images are called by times: ``1305031102.175304.png`` (seconds), ``1403636579763555584.png`` (nanoseconds
+    since 1970).
 
     Raises
     ------
@@ -45,15 +58,17 @@ def read_colmap(path: Path) -> Trajectory:
     if len(set(names)) != len(names):
         raise TrajectoryError(f"expected every image once in {path}, but one name comes twice")
     world_from_camera = Rotation.from_quat(np.array([turn for _, turn, _ in images])[:, [1, 2, 3, 0]]).inv()
-    frame_ids, counted = _frame_ids(names)
+    stems = [PurePosixPath(name).stem for name in names]
+    frame_ids, counted = _frame_ids(stems)
+    times = _times(stems)
     return Trajectory(
         frame_ids=frame_ids,
-        timestamps=frame_ids.astype(np.float64),
+        timestamps=frame_ids.astype(np.float64) if times is None else times,
         positions=-world_from_camera.apply(np.array([shift for _, _, shift in images])),
         quaternions=world_from_camera.as_quat(),
         names=names,
         ids_are_counted=counted,
-        has_timestamps=False,
+        has_timestamps=times is not None,
     )
 
 
@@ -149,11 +164,26 @@ def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
     return key, name
 
 
-def _frame_ids(names: tuple[str, ...]) -> tuple[IntArray, bool]:
+def _frame_ids(stems: list[str]) -> tuple[IntArray, bool]:
     """Return the frame ids, (n,), and whether they only count the names."""
-    stems = [PurePosixPath(name).stem for name in names]
-    if all(re.fullmatch(r"[0-9]{1,18}", stem) for stem in stems):
-        numbers = np.array([int(stem) for stem in stems], dtype=np.int64)
-        if (np.diff(numbers) > 0).all():
-            return numbers, False
-    return np.arange(len(names), dtype=np.int64), True
+    found = [_NUMBERED.fullmatch(stem) for stem in stems]
+    numbers = [int(match["number"]) for match in found if match]
+    prefixes = {match["prefix"] if match else None for match in found}
+    if len(prefixes) == 1 and None not in prefixes and numbers[-1] <= _LARGEST_ID and _increase(numbers):
+        return np.array(numbers, dtype=np.int64), False
+    return np.arange(len(stems), dtype=np.int64), True
+
+
+def _times(stems: list[str]) -> FloatArray | None:
+    """Return the times, (n,) in seconds, that the images are called by; ``None`` where they are not."""
+    if not all(_TIME.fullmatch(stem) for stem in stems):
+        return None
+    numbers = [float(stem) if "." in stem else int(stem) for stem in stems]
+    unit = "s" if all("." in stem for stem in stems) else epoch_unit(numbers)
+    if unit is None or not _increase(numbers):
+        return None
+    return np.array([number / PER_SECOND[unit] for number in numbers])
+
+
+def _increase(numbers: Sequence[float]) -> bool:
+    return all(before < after for before, after in pairwise(numbers))

@@ -11,62 +11,78 @@ import numpy as np
 
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.trajectory.colmap import read_colmap
-from gtf_tune.trajectory.formats import data_lines, read_euroc, read_kitti, read_tum
+from gtf_tune.trajectory.columns import read_table
+from gtf_tune.trajectory.formats import TextLayout, read_euroc, read_kitti, read_text, read_tum
 from gtf_tune.trajectory.value import Trajectory
 
 TrajectoryFormat = Literal["auto", "tum", "kitti", "euroc", "colmap"]
 
-_READERS: Mapping[str, Callable[[Path], Trajectory]] = MappingProxyType(
-    {"tum": read_tum, "kitti": read_kitti, "euroc": read_euroc, "colmap": read_colmap}
+_READERS: Mapping[str, Callable[[Path, TextLayout], Trajectory]] = MappingProxyType(
+    {"tum": read_tum, "kitti": read_kitti, "euroc": read_euroc, "colmap": lambda path, _: read_colmap(path)}
 )
-_FORMAT_OF_COLUMNS = MappingProxyType({8: "tum", 12: "kitti"})
+_TUM_COLUMNS, _KITTI_COLUMNS, _EUROC_COLUMNS = 8, 12, 17
 
 
-def read_trajectory(path: str | os.PathLike[str], format: TrajectoryFormat = "auto") -> Trajectory:
+def read_trajectory(
+    path: str | os.PathLike[str], format: TrajectoryFormat = "auto", delimiter: str | None = None
+) -> Trajectory:
     """Read a trajectory from a TUM, KITTI or EuRoC file or a COLMAP model.
 
     Frame ids count the poses from 0 and are marked so (``ids_are_counted``); for a COLMAP model whose images are called
     by numbers they are these numbers. Trajectories that lack different poses are associated by timestamp or image name.
+    A header that names the columns of a TUM or EuRoC file decides on their order and on the unit of its timestamps.
 
     Parameters
     ----------
     path
         A file, or the folder of a COLMAP model.
     format
-        ``auto`` takes folders, ``images.txt`` and ``.bin`` files for COLMAP's; columns tell the others apart.
+        ``auto`` takes folders, ``images.txt`` and ``.bin`` files for COLMAP's; columns show which of the others it is.
+    delimiter
+        What separates the columns of a line; semicolon, comma or blanks by what the first line has.
 
     Raises
     ------
     TrajectoryError
-        The file cannot be read, is malformed (the message names the line), unsorted, or holds no poses.
+        The file cannot be read, is malformed (the message names the line), unsorted, or holds no poses; ``auto`` finds
+        eight columns whose order nothing says.
     """
     file = Path(path)
-    known = detected_format(file) if format == "auto" else format
+    known = detected_format(file, delimiter) if format == "auto" else format
     if known not in _READERS:
         raise TrajectoryError(f"expected one of the formats auto, {', '.join(_READERS)}, not '{known}'")
-    return replace(_READERS[known](file), source=str(path))
+    return replace(_READERS[known](file, TextLayout(delimiter)), source=str(path))
 
 
-def detected_format(path: Path) -> str:
+def detected_format(path: Path, delimiter: str | None = None) -> str:
     """Return the format that ``auto`` takes a file for.
 
     Raises
     ------
     TrajectoryError
-        The file cannot be read, holds no poses, or has columns of no known format.
+        The file cannot be read, holds no poses, has columns of no known format, or has commas and no header.
     """
     if path.is_dir() or path.suffix == ".bin" or path.name == "images.txt":
         return "colmap"
-    for where, text in data_lines(path):
-        if "," in text:
-            return "euroc"
-        columns = len(text.split())
-        if columns not in _FORMAT_OF_COLUMNS:
-            raise TrajectoryError(
-                f"{where}: expected 8 columns (TUM), 12 (KITTI) or commas (EuRoC), not {columns} columns"
-            )
-        return _FORMAT_OF_COLUMNS[columns]
-    raise TrajectoryError(f"expected at least one pose in {path}, but it holds none")
+    table = read_table(read_text(path), path, delimiter)
+    where, first = table.rows[0]
+    if len(first) == _KITTI_COLUMNS:
+        return "kitti"
+    named = table.named_columns()
+    if named:
+        return "euroc" if table.separator == "," and first[named.order[0]].isdigit() else "tum"
+    if table.separator == "," and len(first) == _EUROC_COLUMNS:
+        return "euroc"
+    if len(first) != _TUM_COLUMNS:
+        raise TrajectoryError(
+            f"{where}: expected 8 columns (TUM), 12 (KITTI) or a header that names them, not {len(first)} columns"
+        )
+    if table.separator == ",":
+        raise TrajectoryError(
+            f"{where}: expected a header that says whether qw comes first, as in EuRoC's files, or last, as in TUM's; "
+            "write 'timestamp,tx,ty,tz,qw,qx,qy,qz' or 'timestamp,tx,ty,tz,qx,qy,qz,qw' above it, or give the format"
+        )
+    return "tum"
 
 
 def write_tum(trajectory: Trajectory, path: str | os.PathLike[str]) -> None:

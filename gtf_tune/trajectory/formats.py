@@ -1,61 +1,104 @@
 """Read trajectory files that hold one pose a line: TUM, KITTI and EuRoC."""
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.trajectory.value import Trajectory
+from gtf_tune.trajectory.columns import Columns, Table, read_table
+from gtf_tune.trajectory.value import FloatArray, Trajectory
 
 UNIT_TOLERANCE = 1e-2
 """How far rounded rotations may be from unit length; farther off they are other numbers in the wrong columns."""
 
-_TUM_COLUMNS = 8
+_TUM = Columns(tuple(range(8)))
+_EUROC = Columns((0, 1, 2, 3, 5, 6, 7, 4), "ns")
+_TUM_EXPECTED = "8 numbers 'timestamp tx ty tz qx qy qz qw'"
+_EUROC_EXPECTED = "at least 8 columns 'timestamp [ns], px, py, pz, qw, qx, qy, qz'"
 _KITTI_COLUMNS = 12
-_EUROC_COLUMNS = 8
-_NANOSECONDS = 1_000_000_000
 _LARGEST_COSINE = 1 + UNIT_TOLERANCE
+
+PER_SECOND = MappingProxyType({"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000})
+_EPOCH_S = (1e8, 5e9)
+"""Recordings are from 1973 to 2128: whatever unit their times since 1970 are in, no two of them can be confused."""
 
 
 @dataclass(frozen=True)
-class Pose:
-    """Hold one pose of a file: ``where`` it stands, ``position`` and ``quaternion`` x, y, z, w, world_from_camera."""
+class TextLayout:
+    """How a program writes its text file of poses, where that is not as usual.
 
-    where: str
-    timestamp: float
-    position: tuple[float, ...]
-    quaternion: tuple[float, ...]
+    Attributes
+    ----------
+    delimiter
+        What separates columns; ``None`` for what the first line shows.
+    time_scale
+        What times are multiplied by to make them seconds; ``None`` for what the header, or their size, shows.
+    sort
+        Whether lines are put in the order of time; otherwise lines out of order are an error.
+    """
+
+    delimiter: str | None = None
+    time_scale: float | None = None
+    sort: bool = False
 
 
-def read_tum(path: Path) -> Trajectory:
-    """Read lines of ``timestamp tx ty tz qx qy qz qw``, world_from_camera, timestamps in seconds."""
-    return _read(path, _tum_pose)
+_USUAL = TextLayout()
 
 
-def read_kitti(path: Path) -> Trajectory:
-    """Read lines of the 12 numbers of a (3, 4) matrix world_from_camera, row by row; timestamps count lines from 0."""
-    return replace(_read(path, _kitti_pose), has_timestamps=False)
+def read_tum(path: Path, layout: TextLayout = _USUAL) -> Trajectory:
+    """Read lines of ``timestamp tx ty tz qx qy qz qw``, world_from_camera, timestamps in seconds.
+
+    A header that names the columns decides on their order and on the unit of the timestamps. Where it names no unit,
+    timestamps that can only be milli-, micro- or nanoseconds since 1970 are taken for these.
+    """
+    table = read_table(read_text(path), path, layout.delimiter)
+    columns = table.named_columns(_TUM)
+    width = len(table.rows[0][1]) if columns else len(_TUM.order)
+    for where, tokens in table.rows:
+        if len(tokens) != width:
+            expected = f"{width} columns as in the first line" if columns else _TUM_EXPECTED
+            raise TrajectoryError(f"{where}: expected {expected}, not {len(tokens)} columns")
+    return _trajectory(table, columns or _TUM, layout, _TUM_EXPECTED)
 
 
-def read_euroc(path: Path) -> Trajectory:
+def read_euroc(path: Path, layout: TextLayout = _USUAL) -> Trajectory:
     """Read lines of ``timestamp [ns], px, py, pz, qw, qx, qy, qz, ...``, as in EuRoC's ground-truth folders.
 
-    These are poses of the body, or of the marker, not of a camera.
+    These are poses of the body, or of the marker, not of a camera. A header that names the columns decides on their
+    order and on the unit of the timestamps.
     """
-    return _read(path, _euroc_pose)
+    table = read_table(read_text(path), path, layout.delimiter or ",")
+    columns = table.named_columns(_EUROC) or _EUROC
+    for where, tokens in table.rows:
+        if len(tokens) <= max(columns.order):
+            raise TrajectoryError(f"{where}: expected {_EUROC_EXPECTED} separated by commas, not {len(tokens)}")
+        if columns is _EUROC and not _is_whole(tokens[0]):
+            raise TrajectoryError(f"{where}: expected a timestamp in whole nanoseconds, not '{tokens[0][:40]}'")
+    whole = all(_is_whole(tokens[columns.order[0]]) for _, tokens in table.rows)
+    return _trajectory(table, columns, layout, _EUROC_EXPECTED, "ns" if whole else "s")
 
 
-def data_lines(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield the place and the text of each line that is neither empty nor a comment."""
-    for number, line in enumerate(read_text(path).split("\n"), start=1):
-        text = line.strip()
-        if text and not text.startswith("#"):
-            yield f"{path}, line {number}", text
+def read_kitti(path: Path, layout: TextLayout = _USUAL) -> Trajectory:
+    """Read lines of the 12 numbers of a (3, 4) matrix world_from_camera, row by row; frame ids only count the lines."""
+    table = read_table(read_text(path), path, layout.delimiter)
+    matrices = np.array([_kitti_matrix(where, tokens) for where, tokens in table.rows])
+    turns = [_quaternion(matrix[:, :3], where) for matrix, (where, _) in zip(matrices, table.rows, strict=True)]
+    count = np.arange(len(matrices))
+    return Trajectory(
+        frame_ids=count,
+        timestamps=count.astype(np.float64),
+        positions=matrices[:, :, 3],
+        quaternions=np.array(turns),
+        ids_are_counted=True,
+        has_timestamps=False,
+    )
 
 
 def read_text(path: Path) -> str:
@@ -118,58 +161,75 @@ def checked_quaternion(quaternion: tuple[float, ...], where: str) -> tuple[float
     return quaternion
 
 
-def _read(path: Path, parse: Callable[[str, str, int], Pose]) -> Trajectory:
-    poses = [parse(where, text, index) for index, (where, text) in enumerate(data_lines(path))]
-    if not poses:
-        raise TrajectoryError(f"expected at least one pose in {path}, but it holds none")
-    for before, after in pairwise(poses):
-        if after.timestamp <= before.timestamp:
-            raise TrajectoryError(
-                f"{after.where}: expected a later timestamp than the {before.timestamp:.9f} s before it, "
-                f"not {after.timestamp:.9f} s; sort the file and drop duplicates"
-            )
+def _trajectory(table: Table, columns: Columns, layout: TextLayout, expected: str, usual_unit: str = "s") -> Trajectory:
+    """Return the poses of a table; times without a unit have that in which they can be since 1970, or the usual one."""
+    time, *parts = columns.order
+    rows = [finite_numbers([tokens[part] for part in parts], where, expected) for where, tokens in table.rows]
+    for (where, _), row in zip(table.rows, rows, strict=True):
+        checked_quaternion(row[3:], where)
+    stamps = [(where, tokens[time]) for where, tokens in table.rows]
+    numbers = [_time(text, where, expected) for where, text in stamps]
+    unit = columns.unit or epoch_unit(numbers) or usual_unit
+    seconds = [_in_seconds(number, unit, layout, where) for number, (where, _) in zip(numbers, stamps, strict=True)]
+    order = sorted(range(len(rows)), key=seconds.__getitem__) if layout.sort else list(range(len(rows)))
+    for before, after in pairwise(order):
+        if seconds[after] <= seconds[before]:
+            raise _not_later(stamps[before], stamps[after], numbers[after] > numbers[before])
+    values = np.array(rows)[order]
     return Trajectory(
-        frame_ids=np.arange(len(poses)),
-        timestamps=np.array([pose.timestamp for pose in poses]),
-        positions=np.array([pose.position for pose in poses]),
-        quaternions=np.array([pose.quaternion for pose in poses]),
+        frame_ids=np.arange(len(rows)),
+        timestamps=np.array(seconds)[order],
+        positions=values[:, :3],
+        quaternions=values[:, 3:],
         ids_are_counted=True,
     )
 
 
-def _tum_pose(where: str, text: str, _: int) -> Pose:
-    tokens = text.split()
-    expected = f"{_TUM_COLUMNS} numbers 'timestamp tx ty tz qx qy qz qw'"
-    if len(tokens) != _TUM_COLUMNS:
-        raise TrajectoryError(f"{where}: expected {expected}, not {len(tokens)} columns")
-    numbers = finite_numbers(tokens, where, expected)
-    return Pose(where, numbers[0], numbers[1:4], checked_quaternion(numbers[4:], where))
+def _time(text: str, where: str, expected: str) -> float:
+    return int(text) if _is_whole(text) else finite_numbers([text], where, expected)[0]
 
 
-def _kitti_pose(where: str, text: str, index: int) -> Pose:
-    tokens = text.split()
+def epoch_unit(numbers: Sequence[float]) -> str | None:
+    """Return the unit in which numbers can be times since 1970, ``None`` where there is none."""
+    (first, last), low, high = _EPOCH_S, min(numbers), max(numbers)
+    return next((unit for unit, per in PER_SECOND.items() if first * per <= low and high <= last * per), None)
+
+
+def _in_seconds(number: float, unit: str, layout: TextLayout, where: str) -> float:
+    if layout.time_scale is not None:
+        return number * layout.time_scale
+    seconds = number / PER_SECOND[unit]
+    if unit == "s" and seconds != number:
+        raise _too_many_digits(where, f"{number} needs")
+    return seconds
+
+
+def _not_later(earlier: tuple[str, str], later: tuple[str, str], sorted_: bool) -> TrajectoryError:
+    where, text = later
+    if sorted_:
+        return _too_many_digits(where, f"{earlier[1]} and {text} need")
+    return TrajectoryError(
+        f"{where}: expected a later timestamp than the {earlier[1]} before it, not {text}; sort the file and drop "
+        "duplicates"
+    )
+
+
+def _too_many_digits(where: str, numbers: str) -> TrajectoryError:
+    return TrajectoryError(
+        f"{where}: expected timestamps that 64-bit numbers hold to the last digit, but {numbers} more than 53 bits; "
+        "subtract one and the same number from the timestamps of every file that is compared"
+    )
+
+
+def _is_whole(text: str) -> bool:
+    return re.fullmatch(r"[+-]?[0-9]{1,20}", text) is not None
+
+
+def _kitti_matrix(where: str, tokens: list[str]) -> FloatArray:
     expected = f"the {_KITTI_COLUMNS} numbers of a 3x4 matrix"
     if len(tokens) != _KITTI_COLUMNS:
         raise TrajectoryError(f"{where}: expected {expected}, not {len(tokens)} columns")
-    matrix = np.array(finite_numbers(tokens, where, expected)).reshape(3, 4)
-    return Pose(where, float(index), tuple(matrix[:, 3].tolist()), _quaternion(matrix[:, :3], where))
-
-
-def _euroc_pose(where: str, text: str, _: int) -> Pose:
-    tokens = text.split(",")
-    expected = f"at least {_EUROC_COLUMNS} columns 'timestamp [ns], px, py, pz, qw, qx, qy, qz'"
-    if len(tokens) < _EUROC_COLUMNS:
-        raise TrajectoryError(f"{where}: expected {expected} separated by commas, not {len(tokens)}")
-    x, y, z, qw, qx, qy, qz = finite_numbers(tokens[1:_EUROC_COLUMNS], where, expected)
-    return Pose(where, _seconds(tokens[0], where), (x, y, z), checked_quaternion((qx, qy, qz, qw), where))
-
-
-def _seconds(nanoseconds: str, where: str) -> float:
-    try:
-        return int(nanoseconds) / _NANOSECONDS
-    except (ValueError, OverflowError) as error:
-        message = f"{where}: expected a timestamp in whole nanoseconds, not '{nanoseconds.strip()[:40]}'"
-        raise TrajectoryError(message) from error
+    return np.array(finite_numbers(tokens, where, expected)).reshape(3, 4)
 
 
 def _quaternion(matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]], where: str) -> tuple[float, ...]:

@@ -74,7 +74,7 @@ def associate_by_timestamp(
     Raises
     ------
     TrajectoryError
-        Timestamps are not strictly increasing.
+        Timestamps are not strictly increasing, or a trajectory has no times.
     """
     times_a, times_b = _increasing_times(a, "first"), _increasing_times(b, "second") + offset_s
     if not (len(a) and len(b)):
@@ -102,6 +102,10 @@ def _nearest(sorted_times: FloatArray, times: FloatArray) -> IntArray:
 
 
 def _increasing_times(trajectory: Trajectory, which: str) -> FloatArray:
+    if len(trajectory) and not trajectory.has_timestamps:
+        raise TrajectoryError(
+            f"expected times, but the {which} trajectory has none; associate by frame id or image name instead"
+        )
     late = np.flatnonzero(np.diff(trajectory.timestamps) <= 0)
     if late.size:
         first = int(late[0])

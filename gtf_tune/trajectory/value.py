@@ -41,7 +41,7 @@ class Trajectory:
         not say which frame a pose belongs to. Matching such ids is refused unless both trajectories have the same
         ones (`check_frame_ids`); associate by timestamp or image name instead.
     has_timestamps
-        Whether the source knows when each pose was taken; KITTI files and COLMAP models do not.
+        Whether the source knows when each pose was taken; KITTI files and most COLMAP models do not.
     source
         The file or folder that the trajectory was read from, otherwise empty; only shown in messages.
 

@@ -44,6 +44,39 @@ def test_kitti_colour_images_stand_beside_camera_0(kitti):
     np.testing.assert_allclose(sequence.ground_truth.positions, [[-0.06, 0, n] for n in range(3)])
 
 
+def cut(kitti, names):
+    """Leave three images of those names, with the poses of frames 0 to 9."""
+    for path, name in zip(sorted((kitti / "image_0").iterdir()), names, strict=True):
+        path.rename(path.with_name(name))
+    poses = kitti.parent.parent / "poses" / "07.txt"
+    poses.write_text("".join(IDENTITY.format(z=n) + "\n" for n in range(10)))
+
+
+def test_kitti_images_that_were_cut_have_the_poses_of_their_numbers(kitti):
+    cut(kitti, ["000004.png", "000006.png", "000007.png"])
+
+    sequence = load_sequence(kitti)
+
+    assert sequence.ground_truth.positions[:, 2].tolist() == [4, 6, 7]
+    assert sequence.notes == ("07.txt has 10 poses for 3 images: each image has the pose in the line of its number",)
+
+
+@pytest.mark.parametrize("names", [["a.png", "b.png", "c.png"], ["000008.png", "000009.png", "000010.png"]])
+def test_kitti_images_that_nothing_links_to_poses_have_none(kitti, names):
+    cut(kitti, names)
+
+    sequence = load_sequence(kitti)
+
+    assert sequence.ground_truth is None
+    assert "07.txt has 10 poses for 3 images, and their names do not say which belong together" in sequence.notes[0]
+
+
+def test_kitti_poses_that_lack_some_lines_are_not_used(kitti):
+    (kitti.parent.parent / "poses" / "07.txt").write_text(IDENTITY.format(z=0) + "\n" + IDENTITY.format(z=2) + "\n")
+
+    assert load_sequence(kitti).ground_truth is None
+
+
 def test_kitti_test_sequences_have_no_poses(kitti):
     (kitti.parent.parent / "poses" / "07.txt").unlink()
 

@@ -42,13 +42,15 @@ def without(pose: int) -> np.ndarray:
 def test_text_files_have_counted_ids(tmp_path: Path) -> None:
     write_kitti(walk(), tmp_path / "poses.txt")
     euroc = "".join(f"{10**8 * n},{n},{n * n},0,1,0,0,0\n" for n in range(5))
-    (tmp_path / "euroc.csv").write_text(euroc)
+    (tmp_path / "euroc.csv").write_text(f"#timestamp,px,py,pz,qw,qx,qy,qz\n{euroc}")
 
     for path in (file_of(walk(), tmp_path / "tum.txt"), tmp_path / "poses.txt", tmp_path / "euroc.csv"):
         assert read_trajectory(path).ids_are_counted
 
 
-@pytest.mark.parametrize(("name", "counted"), [("{:04d}.png", False), ("view_{:04d}.png", True)])
+@pytest.mark.parametrize(
+    ("name", "counted"), [("{:04d}.png", False), ("view_{:04d}.png", False), ("{:04d}a.png", True)]
+)
 def test_models_have_the_numbers_of_their_images_or_counted_ids(tmp_path: Path, name: str, counted: bool) -> None:
     lines = "".join(f"{n} 1 0 0 0 0 {n} {n * n} 1 {name.format(n)}\n\n" for n in (2, 3, 5))
     (tmp_path / "images.txt").write_text(lines)

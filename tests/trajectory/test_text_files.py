@@ -116,7 +116,7 @@ def test_comments_blank_lines_and_windows_line_ends_are_skipped(tmp_path):
         (TUM_LINE + "2 0 0 0 1 1 2 3\n", "tum", "line 2: expected a unit quaternion, but its length is 3.8"),
         ("# nothing\n", "tum", "at least one pose in"),
         ("", "auto", "at least one pose in"),
-        ("1 2 3\n", "auto", r"line 1: expected 8 columns \(TUM\), 12 \(KITTI\) or commas \(EuRoC\), not 3"),
+        ("1 2 3\n", "auto", r"line 1: expected 8 columns \(TUM\), 12 \(KITTI\) or a header that names them, not 3"),
         ("1 0 0 0 0 1 0 0 0 0 1\n", "kitti", "line 1: expected the 12 numbers of a 3x4 matrix, not 11"),
         ("1 0 0 0 0 1 0 0 0 0 x 0\n", "kitti", "line 1: .* 'x'"),
         ("1 0 0 0 0 1 0 0 0 0 -1 0\n", "kitti", "line 1: expected a rotation"),

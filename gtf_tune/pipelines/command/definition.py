@@ -133,10 +133,11 @@ class SettingsFileDefinition(Section):
 
 
 class OutputDefinition(Section):
-    """Say where the trajectory is, in which format, and how its poses belong to the frames.
+    """Where the trajectory is, in which format, and how its poses belong to the frames.
 
     ``index`` takes the time column for the position in the list of images, ``row`` the n-th pose for the n-th image.
-    TUM's time column is multiplied by ``time_scale`` first; ``sort`` puts TUM's and EuRoC's poses in the order of time.
+    TUM's times are multiplied by ``time_scale``; where that is 1, they are in the unit that the header names, seconds
+    otherwise. ``sort`` puts TUM's and EuRoC's poses in the order of time.
     A COLMAP folder may hold several models: the largest counts.
     """
 

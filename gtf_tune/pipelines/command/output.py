@@ -1,6 +1,5 @@
 """Read the trajectory that a program wrote, and find the frames that its poses belong to."""
 
-import math
 from collections.abc import Callable, Mapping
 from pathlib import Path, PurePosixPath
 from types import MappingProxyType
@@ -11,8 +10,11 @@ from gtf_tune.errors import RunError, TrajectoryError
 from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.command.definition import OutputDefinition
 from gtf_tune.trajectory import IntArray, Trajectory, associate_by_timestamp, read_trajectory
-from gtf_tune.trajectory.formats import read_binary
+from gtf_tune.trajectory.formats import TextLayout, read_euroc, read_kitti, read_tum
 
+_READERS: Mapping[str, Callable[[Path, TextLayout], Trajectory]] = MappingProxyType(
+    {"tum": read_tum, "kitti": read_kitti, "euroc": read_euroc}
+)
 _WHOLE = 0.05
 _MODEL_FILES = ("images.bin", "images.txt")
 
@@ -27,25 +29,22 @@ def read_output(output: OutputDefinition, path: Path, names: tuple[str, ...], jo
     """
     if not path.exists():
         raise RunError(f"the program ended well but wrote no trajectory; it should be {path.name}")
-    rewritten = job.workspace / "trajectory.txt"
     try:
-        found = _read(output, path, rewritten)
+        found = _read(output, path)
         positions = _ASSOCIATIONS[output.association](found, names, job, output)
         return _of_frames(found, positions, output, job)
     except TrajectoryError as error:
         # Its folder is gone after the run, and has another name in each.
-        reason = str(error).replace(str(rewritten), output.path).replace(str(path), output.path)
+        reason = str(error).replace(str(path), output.path)
         raise RunError(f"the program's trajectory cannot be used: {reason}") from error
 
 
-def _read(output: OutputDefinition, path: Path, rewritten: Path) -> Trajectory:
+def _read(output: OutputDefinition, path: Path) -> Trajectory:
+    scaled = output.time_scale != 1.0
+    layout = TextLayout(output.delimiter.strip() or None, output.time_scale if scaled else None, output.sort)
     if output.format == "colmap":
         return _largest_model(path)
-    changed = output.delimiter != " " or output.time_scale != 1.0 or output.sort
-    if changed and output.format in ("tum", "euroc"):
-        _rewrite(output, path, rewritten)
-        path = rewritten
-    return read_trajectory(path, output.format)
+    return _READERS[output.format](path, layout)
 
 
 def _largest_model(path: Path) -> Trajectory:
@@ -55,25 +54,6 @@ def _largest_model(path: Path) -> Trajectory:
     if not models:
         raise TrajectoryError("expected a COLMAP model, but the program found none")
     return max((read_trajectory(model, "colmap") for model in models), key=len)
-
-
-def _rewrite(output: OutputDefinition, path: Path, rewritten: Path) -> None:
-    """Write the lines of a file as TUM has them, each on its own line unless sorted; a header becomes a comment.
-
-    Those of EuRoC are sorted and else stay as they are.
-    """
-    plain = output.format == "euroc"
-    lines: list[tuple[float, str]] = []
-    for line in read_binary(path).decode("utf-8-sig", errors="replace").splitlines():
-        time, *others = line.split("," if plain or output.delimiter == "," else None) or [""]
-        try:
-            scaled = float(time) * output.time_scale
-            lines.append((scaled, line if plain else " ".join([repr(scaled), *(word.strip() for word in others)])))
-        except ValueError:
-            lines.append((-math.inf, line if any(math.isfinite(one) for one, _ in lines) else f"# {line}"))
-    if output.sort:
-        lines.sort(key=lambda one: one[0])
-    rewritten.write_text("".join(f"{line}\n" for _, line in lines), encoding="utf-8")
 
 
 def _by_name(found: Trajectory, names: tuple[str, ...], job: PipelineJob, output: OutputDefinition) -> IntArray:

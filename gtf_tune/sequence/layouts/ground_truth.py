@@ -1,5 +1,6 @@
 """Match the poses that come with a data set to its frames."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ Notes = tuple[str, ...]
 # The TUM RGB-D benchmark's own default for matching images to poses.
 MAX_DIFFERENCE_S = 0.02
 
+_NUMBER = re.compile(r"[0-9]{1,18}")
 _UPRIGHT = np.array([[0.0, 0.0, 0.0, 1.0]])
 _ORTHOGONALITY_TOLERANCE = 1e-3
 
@@ -37,11 +39,26 @@ def poses_by_timestamp(frames: Frames, poses: Trajectory, source: Path) -> tuple
     return _trajectory(frames, matched, poses.positions[nearest], poses.quaternions[nearest]), ()
 
 
-def poses_by_index(frames: Frames, poses: Trajectory, source: Path) -> tuple[Trajectory | None, Notes]:
-    """Give frame n the nth pose; data sets with fewer poses than frames leave the last frames without."""
-    count = min(len(frames), len(poses))
-    notes = () if len(frames) == len(poses) else (f"{source.name} has {len(poses)} poses for {len(frames)} images",)
-    return _trajectory(frames, np.arange(count), poses.positions[:count], poses.quaternions[:count]), notes
+def poses_by_line(frames: Frames, poses: Trajectory, source: Path) -> tuple[Trajectory | None, Notes]:
+    """Give each frame the pose of its line, of a file without times.
+
+    Line n, from 0, is that of the nth image where there is a line for every image. Where images were cut and lines were
+    not, it is that of the image that is called by the number n.
+
+    Returns
+    -------
+    ground_truth, notes
+        The poses under their frames' ids and timestamps, or ``None`` and a note where nothing says whose they are.
+    """
+    counts = f"{source.name} has {len(poses)} poses for {len(frames)} images"
+    if len(frames) == len(poses):
+        return _trajectory(frames, np.arange(len(frames)), poses.positions, poses.quaternions), ()
+    names = [frame.path.stem for frame in frames]
+    lines = np.array([int(name) if _NUMBER.fullmatch(name) else -1 for name in names], dtype=np.int64)
+    if lines.min() < 0 or lines.max() >= len(poses) or (np.diff(lines) <= 0).any():
+        return None, (f"{counts}, and their names do not say which belong together: no ground truth is used",)
+    truth = _trajectory(frames, np.arange(len(frames)), poses.positions[lines], poses.quaternions[lines])
+    return truth, (f"{counts}: each image has the pose in the line of its number",)
 
 
 def poses_from_matrices(frames: Frames, world_from_camera: NDArray[np.float64], source: Path) -> Trajectory | None:

@@ -11,7 +11,7 @@ from gtf_tune.sequence.camera import pinhole_from_matrix
 from gtf_tune.sequence.images import image_size
 from gtf_tune.sequence.layouts.base import Layout, Recording, check_unique
 from gtf_tune.sequence.layouts.folder import list_images
-from gtf_tune.sequence.layouts.ground_truth import poses_by_index
+from gtf_tune.sequence.layouts.ground_truth import poses_by_line
 from gtf_tune.sequence.layouts.tables import read_numbers, read_rows, to_numbers
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
@@ -32,7 +32,7 @@ def _read(root: Path) -> Recording:
     if path is None:
         return Recording(frames, camera)
     poses = _moved_to_camera(read_trajectory(path, format="kitti"), projection)
-    ground_truth, notes = poses_by_index(frames, poses, path)
+    ground_truth, notes = poses_by_line(frames, poses, path)
     return Recording(frames, camera, ground_truth, notes=notes)
 
 
