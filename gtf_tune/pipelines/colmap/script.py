@@ -1,0 +1,97 @@
+"""Write the Python script that reconstructs a sequence with a configuration, from the original images.
+
+The script is what makes the models that gtf-tune hands over, so it reproduces them by construction.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+from gtf_tune.sequence import Camera
+from gtf_tune.version import __version__
+
+
+@dataclass(frozen=True)
+class Photographs:
+    """The images of a reconstruction as COLMAP reads them.
+
+    ``folder`` is absolute and ``names`` are relative to it, with slashes. ``camera`` belongs to the images as they are
+    stored; ``None`` where the intrinsics are unknown.
+    """
+
+    folder: Path
+    names: Sequence[str]
+    camera: Camera | None
+
+
+@dataclass(frozen=True)
+class _Mapper:
+    function: str
+    options: str
+    changes: str
+
+
+_INCREMENTAL = """{
+        **OPTIONS.get("pipeline", {}),
+        "mapper": OPTIONS.get("mapper", {}),
+        "triangulation": OPTIONS.get("triangulation", {}),
+    }"""
+_MAPPERS = {
+    "glomap": _Mapper(
+        "global_mapping",
+        "GlobalPipelineOptions",
+        '{**OPTIONS.get("pipeline", {}), "mapper": OPTIONS.get("mapper", {})}',
+    ),
+    "colmap": _Mapper("incremental_mapping", "IncrementalPipelineOptions", _INCREMENTAL),
+    "colmap-hierarchical": _Mapper(
+        "hierarchical_mapping",
+        "HierarchicalPipelineOptions",
+        f"""{{
+        **OPTIONS.get("hierarchical", {{}}),
+        "clustering_options": OPTIONS.get("clustering", {{}}),
+        "incremental_options": {_INCREMENTAL},
+    }}""",
+    ),
+}
+_CALIBRATION = """\
+    view_graph = configured("ViewGraphCalibrationOptions", OPTIONS.get("view_graph", {}))
+    if not pycolmap.calibrate_view_graph(database, view_graph):
+        sys.exit("the focal length cannot be estimated from these images")
+"""
+
+
+def pycolmap_script(
+    pipeline: str, photographs: Photographs, settings: Mapping[str, object], version: str, *, seed: int = 0
+) -> str:
+    """Return the text of ``run.py``, which reads ``options.json`` and ``images.txt`` beside it.
+
+    ``settings`` are those of the pipeline in the study, ``version`` is that of pycolmap.
+    """
+    mapper, camera = _MAPPERS[pipeline], photographs.camera
+    pairing = str(settings.get("pairing", "exhaustive"))
+    tree = str(settings.get("vocab_tree_path", ""))
+    calibrates = pipeline == "glomap" and camera is None
+    text = files("gtf_tune.pipelines.colmap").joinpath("run_script.txt").read_text(encoding="utf-8")
+    return Template(text).substitute(
+        gtf_tune=__version__,
+        pycolmap=version,
+        images=_literal(str(photographs.folder)),
+        seed=seed,
+        camera_model=_literal(camera.model if camera else str(settings.get("camera_model", "SIMPLE_RADIAL"))),
+        camera_params=_literal(",".join(map(repr, camera.params)) if camera else ""),
+        pairing=_literal(pairing),
+        pairing_kind=_literal(f"{pairing.title()}PairingOptions"),
+        pairing_more=f"pairing.vocab_tree_path = {_literal(tree)}\n" if tree and pairing == "sequential" else "",
+        match=f"match_{pairing}",
+        calibration=_CALIBRATION if calibrates else "",
+        map=mapper.function,
+        mapping_kind=mapper.options,
+        mapping_options=mapper.changes,
+    )
+
+
+def _literal(text: str) -> str:
+    """Return text as a Python literal between double quotes."""
+    return '"' + repr(text)[1:-1].replace('"', r"\"").replace(r"\'", "'") + '"'
