@@ -1,0 +1,78 @@
+"""Write the shell script that reconstructs a sequence with a configuration through COLMAP's command line."""
+
+import shlex
+from collections.abc import Iterator, Mapping
+
+from gtf_tune.pipelines.colmap.flags import command_of, commands_of, flag_of
+from gtf_tune.pipelines.colmap.script import Photographs
+from gtf_tune.pipelines.options import OptionValue
+
+_CALIBRATOR = "view_graph_calibrator"
+_READS_IMAGES = ("feature_extractor", "mapper", "hierarchical_mapper", "global_mapper")
+_WRITES_MODEL = ("mapper", "hierarchical_mapper", "global_mapper")
+_HEAD = """\
+#!/bin/sh
+# Reconstruct with COLMAP 4.1 or newer: sh run.sh [FOLDER]
+set -e
+cd "$(dirname "$0")"
+out=${1:-sparse-colmap}
+mkdir -p "$out"
+"""
+
+
+def colmap_shell_script(
+    pipeline: str, photographs: Photographs, settings: Mapping[str, object], options: Mapping[str, OptionValue]
+) -> str:
+    """Return the text of ``run.sh``: COLMAP's commands in running order, with all paths.
+
+    It reads ``images.txt`` beside it. Options that the command line cannot set are named in comments; `pycolmap_script`
+    sets them too.
+    """
+    pairing = str(settings.get("pairing", "exhaustive"))
+    commands = [one for one in commands_of(pipeline, pairing) if one != _CALIBRATOR or photographs.camera is None]
+    flags: dict[str, list[str]] = {name: _paths(name, photographs) for name in commands}
+    for flag, value in (*_camera(photographs, settings), *_matching(settings), *_options(pipeline, options)):
+        command = command_of(pipeline, flag, pairing)
+        if command in flags:
+            flags[command].append(f"--{flag} {shlex.quote(value)}")
+    lines = [" \\\n    ".join((f"colmap {name}", *given)) for name, given in flags.items()]
+    missing = [name for name in options if flag_of(pipeline, name) is None]
+    lines += [f"# COLMAP's command line cannot set {name} = {_text(options[name])}; run.py does" for name in missing]
+    return _HEAD + "\n".join(lines) + "\n"
+
+
+def _paths(command: str, photographs: Photographs) -> list[str]:
+    paths = ["--database_path database.db"]
+    if command in _READS_IMAGES:
+        paths.append(f"--image_path {shlex.quote(str(photographs.folder))}")
+    if command == "feature_extractor":
+        paths.append("--image_list_path images.txt")
+    if command in _WRITES_MODEL:
+        paths.append('--output_path "$out"')
+    return paths
+
+
+def _camera(photographs: Photographs, settings: Mapping[str, object]) -> Iterator[tuple[str, str]]:
+    camera = photographs.camera
+    yield "ImageReader.single_camera", "1"
+    yield "ImageReader.camera_model", camera.model if camera else str(settings.get("camera_model", "SIMPLE_RADIAL"))
+    if camera:
+        yield "ImageReader.camera_params", ",".join(map(repr, camera.params))
+
+
+def _matching(settings: Mapping[str, object]) -> Iterator[tuple[str, str]]:
+    if settings.get("vocab_tree_path") and settings.get("pairing") == "sequential":
+        yield "SequentialMatching.vocab_tree_path", str(settings["vocab_tree_path"])
+
+
+def _options(pipeline: str, options: Mapping[str, OptionValue]) -> Iterator[tuple[str, str]]:
+    for name, value in options.items():
+        flag = flag_of(pipeline, name)
+        if flag is not None:
+            yield flag, _text(value)
+
+
+def _text(value: OptionValue) -> str:
+    if isinstance(value, bool):
+        return "1" if value else "0"
+    return repr(value) if isinstance(value, float) else str(value)

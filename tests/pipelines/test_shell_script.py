@@ -1,0 +1,66 @@
+"""The shell script names every path, and says what COLMAP's command line cannot set."""
+
+import shlex
+import subprocess
+from pathlib import Path
+
+from gtf_tune.pipelines.colmap.script import Photographs
+from gtf_tune.pipelines.colmap.shell import colmap_shell_script
+from gtf_tune.sequence import Camera
+
+CAMERA = Camera("PINHOLE", 240, 180, (220.0, 221.0, 120.0, 90.0))
+SET_BY_SHELL = {"mapper.bundle_adjustment.ceres.loss_function_scale": 0.2, "verification.min_num_inliers": 30}
+NOT_SET_BY_SHELL = {"verification.min_inlier_ratio": 0.25}
+
+
+def commands(text: str) -> dict[str, dict[str, str]]:
+    """Return the flags of every COLMAP command in a script."""
+    lines = text.replace("\\\n", " ").splitlines()
+    found = [shlex.split(line) for line in lines if line.startswith("colmap ")]
+    return {words[1]: dict(zip(words[2::2], words[3::2], strict=True)) for words in found}
+
+
+def test_every_command_has_its_paths_and_options() -> None:
+    photographs = Photographs(Path("/my photos"), ["a.jpg"], CAMERA)
+
+    found = commands(colmap_shell_script("glomap", photographs, {}, SET_BY_SHELL))
+
+    assert list(found) == ["feature_extractor", "exhaustive_matcher", "global_mapper"]
+    assert found["feature_extractor"]["--image_path"] == "/my photos"
+    assert found["feature_extractor"]["--image_list_path"] == "images.txt"
+    assert found["feature_extractor"]["--ImageReader.camera_params"] == "220.0,221.0,120.0,90.0"
+    assert found["exhaustive_matcher"]["--TwoViewGeometry.min_num_inliers"] == "30"
+    assert found["global_mapper"]["--GlobalMapper.ba_ceres_loss_function_scale"] == "0.2"
+    assert {flags["--database_path"] for flags in found.values()} == {"database.db"}
+
+
+def test_the_view_graph_is_calibrated_only_where_the_intrinsics_are_unknown() -> None:
+    unknown = Photographs(Path("/photos"), [], None)
+
+    assert "view_graph_calibrator" in commands(colmap_shell_script("glomap", unknown, {}, {}))
+    assert "view_graph_calibrator" not in commands(colmap_shell_script("colmap", unknown, {}, {}))
+
+
+def test_what_the_command_line_cannot_set_is_said() -> None:
+    text = colmap_shell_script("glomap", Photographs(Path("/photos"), [], CAMERA), {}, NOT_SET_BY_SHELL)
+
+    assert "# COLMAP's command line cannot set verification.min_inlier_ratio = 0.25; run.py does" in text
+
+
+def test_a_shell_reads_the_script(tmp_path: Path) -> None:
+    text = colmap_shell_script("colmap", Photographs(Path('/it\'s "here"'), [], CAMERA), {}, SET_BY_SHELL)
+    (tmp_path / "run.sh").write_text(text)
+    (tmp_path / "colmap").write_text('#!/bin/sh\nprintf "%s\\n" "$@" >> "$CALLS"\n')
+    (tmp_path / "colmap").chmod(0o755)
+
+    environment = {"PATH": f"{tmp_path}:/usr/bin:/bin", "CALLS": str(tmp_path / "calls")}
+    subprocess.run(["sh", "run.sh", "models"], check=True, cwd=tmp_path, env=environment)
+
+    calls = (tmp_path / "calls").read_text().splitlines()
+    assert 'it\'s "here"' in " ".join(calls)
+    assert [line for line in calls if line in ("feature_extractor", "exhaustive_matcher", "mapper")] == [
+        "feature_extractor",
+        "exhaustive_matcher",
+        "mapper",
+    ]
+    assert (tmp_path / "models").is_dir()
