@@ -15,7 +15,7 @@ from typing import Self
 import psutil
 from pebble import ProcessExpired, ProcessPool
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import DefinitionError, StorageError
 from gtf_tune.execution.base import RunLimits
 from gtf_tune.execution.paths import RunPaths, Scratch, default_cache_folder
 from gtf_tune.execution.run_in_child import execute_in_worker, versions_of
@@ -85,7 +85,18 @@ class LocalExecutor:
         self._watcher = threading.Thread(target=self._watch_pools, name="watch-pools", daemon=True)
 
     def submit(self, request: RunRequest, limits: RunLimits) -> "Future[RunOutcome]":
-        """Queue a run; the future ends when the run does."""
+        """Queue a run; the future ends when the run does.
+
+        Raises
+        ------
+        DefinitionError
+            The class of the pipeline is defined in the main script, which the processes of runs do not import.
+        """
+        if type(request.pipeline).__module__ == "__main__":
+            raise DefinitionError(
+                f"the class of pipeline '{request.pipeline.name}' is defined in the main script, which the processes "
+                "of runs do not import; move it to a module"
+            )
         item = _Item(request, limits)
         with self._lock:
             self._waiting.append(item)

@@ -1,12 +1,12 @@
 """Keep worker processes at hand, each so much on its own that the death of one harms no other."""
 
 import threading
-from multiprocessing import get_context
 
 from pebble import ProcessPool
 
 from gtf_tune.errors import StorageError
 from gtf_tune.execution.process import initialise_worker, interrupts_withheld
+from gtf_tune.execution.spawning import MainlessContext
 
 _TRIES = 3
 
@@ -73,7 +73,7 @@ class Workers:
             if self._idle:
                 pool = self._idle.pop()
             else:
-                pool = ProcessPool(max_workers=1, initializer=initialise_worker, context=get_context("spawn"))
+                pool = ProcessPool(max_workers=1, initializer=initialise_worker, context=MainlessContext())
             self._lent.add(pool)
             return pool
 
