@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gtf_tune.errors import RunError, SequenceError, StorageError
+from gtf_tune.errors import DefinitionError, OptionError, RunError, SequenceError, StorageError
 from gtf_tune.execution.base import RunLimits
 from gtf_tune.execution.paths import RunPaths
 from gtf_tune.execution.process import memory_limited, output_to, peak_memory_bytes, reset_peak_memory
@@ -30,8 +30,9 @@ def execute(request: RunRequest, limits: RunLimits, paths: RunPaths, store: Stag
 
     Raises
     ------
-    StorageError, SequenceError
-        This machine is at fault, not the options: the disk is full, a folder cannot be written, an image not be read.
+    StorageError, SequenceError, DefinitionError
+        This machine is at fault, not the options: the disk is full, a folder cannot be written, an image cannot be
+        read, or the pipeline cannot be imported.
     """
     started_at = time.time()
     clock = time.perf_counter()
@@ -79,7 +80,9 @@ def _run_logged(
             return _run(request, paths, store), ""
         except RunError as error:
             return nothing, str(error)
-        except SequenceError:
+        except OptionError as error:
+            return nothing, str(error)
+        except (SequenceError, DefinitionError):  # what the run needs is not on this machine
             raise
         except MemoryError:
             return nothing, f"the run needed more than its memory limit of {limits.memory_bytes / _GIB:g} GB"

@@ -1,6 +1,7 @@
-"""Find pipelines by name: the built-in ones and those that other packages install."""
+"""Find pipelines by name: the built-in ones, those that other packages install, and those of any module."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
@@ -34,7 +35,7 @@ def pipeline_names() -> tuple[str, ...]:
 
 
 def create_pipeline(name: str, settings: Mapping[str, object] = _NO_SETTINGS) -> Pipeline:
-    """Return the pipeline of that name; its module is imported now and not before.
+    """Return the pipeline of that name, or that ``module:attribute`` names; its module is imported now and not before.
 
     Raises
     ------
@@ -48,6 +49,10 @@ def _factory(name: str) -> PipelineFactory:
     if name in _BUILT_IN:
         module, _, attribute = _BUILT_IN[name].partition(":")
         return cast(PipelineFactory, getattr(import_module(module), attribute))
+    if ":" in name:
+        from gtf_tune.pipelines.function import create_imported
+
+        return partial(create_imported, name)
     found = _installed().get(name)
     if found is None:
         raise DefinitionError(_unknown(name))
@@ -55,7 +60,7 @@ def _factory(name: str) -> PipelineFactory:
         return cast(PipelineFactory, found.load())
     except (ImportError, AttributeError) as error:
         raise DefinitionError(
-            f"pipeline '{name}' is offered by {found.value} but cannot be imported ({error}); mend that installation"
+            f"pipeline '{name}' is offered by {found.value} but cannot be imported ({error}); reinstall it"
         ) from error
 
 
