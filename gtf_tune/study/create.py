@@ -13,13 +13,13 @@ from pydantic import TypeAdapter, ValidationError
 
 from gtf_tune.definition import Axis, StudyDefinition, definition_from_dict, dump_definition
 from gtf_tune.errors import GtfTuneError, SequenceError, StorageError
-from gtf_tune.pipelines import create_pipeline
+from gtf_tune.pipelines import Pipeline, create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
-from gtf_tune.study.open_study import load_defined_sequence, make_pipeline
+from gtf_tune.study.open_study import load_defined_sequence, make_pipeline, runnable
 from gtf_tune.study.scoring.rules import RESOLVED_KEY, SCORING_VERSION
 from gtf_tune.study.search.samplers import check_search
 from gtf_tune.study.search.space import build_space, space_faults
@@ -43,10 +43,13 @@ def checked_definition(
     return definition_from_dict(data, source, _option_faults(data), hints)
 
 
-def create_study(database: Database, definition: StudyDefinition, root: Path) -> Study:
+def create_study(
+    database: Database, definition: StudyDefinition, root: Path, pipeline: Pipeline | None = None
+) -> Study:
     """Check a definition against its sequences, store it, and return the stored study.
 
-    ``root`` is the folder that the paths of the sequences are relative to.
+    ``root`` is the folder that the paths of the sequences are relative to, ``pipeline`` the pipeline where its name
+    alone does not make it, as for the function of a script.
 
     Raises
     ------
@@ -54,7 +57,7 @@ def create_study(database: Database, definition: StudyDefinition, root: Path) ->
         A sequence cannot be read, two of them have the same images, an option is refused, a package is missing, or the
         name is taken.
     """
-    pipeline = make_pipeline(definition)
+    pipeline = runnable(pipeline or make_pipeline(definition), definition.name)
     pipeline.options.check(definition.pipeline.options)
     check_search(definition, build_space(definition, pipeline.options))
     refuse_taken_name(database, definition.name)

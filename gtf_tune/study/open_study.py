@@ -53,23 +53,29 @@ class OpenStudy:
 
 
 def open_study(
-    database: Database, name: str, places: Mapping[str, Path] | None = None, *, allow_version_mismatch: bool = False
+    database: Database,
+    name: str,
+    places: Mapping[str, Path] | None = None,
+    *,
+    pipeline: Pipeline | None = None,
+    allow_version_mismatch: bool = False,
 ) -> OpenStudy:
     """Return a stored study, ready for work on this machine.
 
-    ``places`` gives the folders of sequences that lie elsewhere here than where the study was created.
+    ``places`` gives the folders of sequences that lie elsewhere here than where the study was created, ``pipeline`` the
+    pipeline where its name alone does not make it, as for the function of a script.
 
     Raises
     ------
     GtfTuneError
         The study does not exist or is an unfinished copy, its images are missing or differ, or the pipeline has another
-        version here.
+        version here or is not to be had.
     """
     record = studies.get(database, name)
     studies.check_whole(record)
     check_rules(record)
     definition = stored_definition(record)
-    pipeline = make_pipeline(definition)
+    pipeline = runnable(pipeline or make_pipeline(definition), name)
     mismatch = _version_mismatch(record, pipeline.name, pipeline.version)
     if mismatch and not allow_version_mismatch:
         raise DefinitionError(
@@ -172,6 +178,14 @@ def check_fingerprint(sequence: Sequence, expected: str) -> None:
 def make_pipeline(definition: StudyDefinition) -> Pipeline:
     """Return the pipeline that a definition names."""
     return create_pipeline(definition.pipeline.name, definition.pipeline.settings)
+
+
+def runnable(pipeline: Pipeline, study: str) -> Pipeline:
+    """Return the pipeline of a study, or raise `DefinitionError` where this process has only its description."""
+    reason = getattr(pipeline, "unavailable", "")
+    if reason:
+        raise DefinitionError(f"study '{study}' {reason}")
+    return pipeline
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,7 @@ def _of_arrays(positions: ArrayLike, quaternions: ArrayLike, images: RunImages) 
             f"expected positions of shape ({len(images)}, 3) and quaternions of shape ({len(images)}, 4), one row for "
             f"each image and NaN where it has no pose, not {centres.shape} and {rotations.shape}"
         )
-    kept = ~np.isnan(np.hstack([centres, rotations])).any(axis=1)
+    kept = np.flatnonzero(~np.isnan(np.hstack([centres, rotations])).any(axis=1))
     known = _imagined(images).select(kept)
     return Trajectory(known.frame_ids, known.timestamps, centres[kept], rotations[kept], known.names)
 
