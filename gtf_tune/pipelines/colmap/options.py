@@ -19,6 +19,7 @@ from typing import Any
 import pycolmap
 
 from gtf_tune.errors import OptionError
+from gtf_tune.pipelines.colmap.option_notes import option_note
 from gtf_tune.pipelines.options import OptionSpec, OptionTable, OptionValue
 
 _RUN_WORDS = frozenset(
@@ -153,10 +154,11 @@ def _refusal(values: Mapping[str, OptionValue], prefix: str) -> str:
 
 
 def _spec(root: OptionRoot, path: AttributePath, owner: Any, value: Any) -> OptionSpec:
+    name = root.option_name(path)
     return OptionSpec(
-        name=root.option_name(path),
+        name=name,
         default=_plain(value),
-        documentation=_DEFAULT_NOTE.sub("", getattr(type(owner), path[-1]).__doc__ or "").strip(),
+        documentation=_DEFAULT_NOTE.sub("", getattr(type(owner), path[-1]).__doc__ or "").strip() or option_note(name),
         choices=tuple(getattr(type(value), "__members__", ())),
         stage=root.stage,
     )
