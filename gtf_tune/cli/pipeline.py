@@ -1,6 +1,7 @@
 """List pipelines and their tunable options."""
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import typer
 
@@ -74,3 +75,46 @@ def options(
         if spec.documentation:
             write_line(f"    {' '.join(spec.documentation.split())}")
     say(f"{len(specs)} options of {name}" + (f" with '{grep}'" if grep else ""))
+
+
+@app.command("presets")
+def presets(
+    name: Annotated[str, typer.Argument(metavar="PIPELINE", help="Name of the pipeline.")] = "glomap",
+    json: Json = False,
+) -> None:
+    """Print what is searched on a pipeline when nobody says, and why.
+
+    Example: gtf-tune pipeline presets glomap
+    """
+    from dataclasses import asdict
+
+    from gtf_tune.pipelines.preset_spaces import preset_space
+
+    preset = preset_space(name)
+    if json:
+        write_json(asdict(preset))
+        return
+    for option in preset.options:
+        unit = f" [{option.unit}]" if option.unit else ""
+        write_line(f"{option.name}{unit}: {_axis_text(option.axis)}  (tier {option.tier})")
+        write_line(f"    {option.reason} Source: {option.source}.")
+    write_line("")
+    write_line("tried first: " + "; ".join(_options_text(one) for one in preset.first) if preset.first else "")
+    for baseline in preset.baselines:
+        write_line(f"also compared: {baseline.name}, {_options_text(baseline.options)}")
+    say("tier 1 is always searched (only mapping is repeated); 2 repeats verification, 3 everything")
+
+
+def _axis_text(axis: Mapping[str, Any]) -> str:
+    from gtf_tune.pipelines import option_text
+
+    if "values" in axis:
+        return ", ".join(option_text(value) for value in axis["values"])
+    scale = ", in logarithms" if axis.get("log") else ""
+    return f"{option_text(axis['low'])} to {option_text(axis['high'])}{scale}"
+
+
+def _options_text(options: Mapping[str, Any]) -> str:
+    from gtf_tune.pipelines import option_text
+
+    return ", ".join(f"{name.rpartition('.')[2]} = {option_text(value)}" for name, value in options.items())

@@ -1,0 +1,88 @@
+"""Read what is searched when nobody says: one file a pipeline, with the reason and the source of each range."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
+
+from gtf_tune.errors import DefinitionError
+from gtf_tune.pipelines.options import OptionValue
+
+DEFAULT_TIER = 1
+
+
+@dataclass(frozen=True)
+class PresetOption:
+    """One option that a preset searches.
+
+    ``axis`` is its axis as a study definition has it. ``tier`` says what a trial repeats: 1 mapping only, 2 also
+    verification, 3 everything. ``unit`` is "pixels" where the range belongs to full-size images.
+    """
+
+    name: str
+    tier: int
+    axis: Mapping[str, object]
+    unit: str
+    reason: str
+    source: str
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A configuration that users have beside the program's defaults."""
+
+    name: str
+    options: Mapping[str, OptionValue]
+    source: str
+
+
+@dataclass(frozen=True)
+class PresetSpace:
+    """What is searched on a pipeline when nobody says.
+
+    ``first`` are the configurations that are tried first, each as the options that differ from nominal.
+    """
+
+    pipeline: str
+    options: tuple[PresetOption, ...]
+    first: tuple[Mapping[str, OptionValue], ...]
+    baselines: tuple[Baseline, ...]
+
+    def axes(self, tier: int = DEFAULT_TIER) -> dict[str, Mapping[str, object]]:
+        """Return the axes of the options up to a tier, as a study definition has them."""
+        return {option.name: option.axis for option in self.options if option.tier <= tier}
+
+
+def preset_pipelines() -> list[str]:
+    """Return the names of the pipelines that have a preset, sorted."""
+    folder = files("gtf_tune.pipelines") / "spaces"
+    return sorted(one.name.removesuffix(".toml") for one in folder.iterdir() if one.name.endswith(".toml"))
+
+
+def preset_space(pipeline: str) -> PresetSpace:
+    """Return the preset of a pipeline.
+
+    Raises
+    ------
+    DefinitionError
+        The pipeline has none.
+    """
+    known = preset_pipelines()
+    if pipeline not in known:
+        raise DefinitionError(
+            f"nothing says what to search on pipeline '{pipeline}'; name the options (presets: {', '.join(known)})"
+        )
+    text = (files("gtf_tune.pipelines") / "spaces" / f"{pipeline}.toml").read_text(encoding="utf-8")
+    data = tomllib.loads(text)
+    return PresetSpace(
+        pipeline,
+        tuple(_option(one) for one in data["options"]),
+        tuple(data.get("first", ())),
+        tuple(Baseline(one["name"], one["options"], one["source"]) for one in data.get("baselines", ())),
+    )
+
+
+def _option(data: Mapping[str, Any]) -> PresetOption:
+    axis = data["range"] if "range" in data else {"values": data["values"]}
+    return PresetOption(data["name"], data["tier"], axis, data.get("unit", ""), data["reason"], data["source"])

@@ -1,0 +1,58 @@
+"""What is searched when nobody says suits the pipeline it is for."""
+
+import pytest
+from pydantic import TypeAdapter
+
+from gtf_tune.definition import Axis
+from gtf_tune.errors import DefinitionError
+from gtf_tune.pipelines import create_pipeline
+from gtf_tune.pipelines.preset_spaces import preset_pipelines, preset_space
+from gtf_tune.study.search.space import space_faults
+
+EVERYTHING = 3
+
+
+@pytest.mark.parametrize("name", preset_pipelines())
+def test_every_axis_suits_its_pipeline(name: str) -> None:
+    axes = preset_space(name).axes(EVERYTHING)
+
+    checked = {option: TypeAdapter(Axis).validate_python(dict(axis)) for option, axis in axes.items()}
+
+    assert len(checked) >= 2
+    assert space_faults(checked, create_pipeline(name).options) == []
+
+
+@pytest.mark.parametrize("name", preset_pipelines())
+def test_what_is_tried_first_differs_and_lies_inside_what_is_always_searched(name: str) -> None:
+    preset, table = preset_space(name), create_pipeline(name).options
+    nominal = {option: table.specs[option].default for option in preset.axes()}
+
+    configurations = [nominal, *({**nominal, **one} for one in preset.first)]
+
+    assert all(set(one) == set(nominal) for one in configurations)
+    assert all(configurations.count(one) == 1 for one in configurations)
+    for one in configurations:
+        table.check(one)
+        for option, axis in preset.axes().items():
+            assert axis["low"] <= one[option] <= axis["high"]
+
+
+@pytest.mark.parametrize("name", preset_pipelines())
+def test_baselines_are_options_that_the_pipeline_accepts_and_not_its_defaults(name: str) -> None:
+    table = create_pipeline(name).options
+
+    for baseline in preset_space(name).baselines:
+        checked = table.check(dict(baseline.options))
+        assert any(checked[option] != table.specs[option].default for option in checked)
+
+
+def test_only_what_repeats_mapping_is_searched_by_default() -> None:
+    assert set(preset_space("glomap").axes()) == {
+        "mapper.bundle_adjustment.ceres.loss_function_scale",
+        "mapper.max_normalized_reproj_error",
+    }
+
+
+def test_a_pipeline_without_a_preset_is_one_sentence() -> None:
+    with pytest.raises(DefinitionError, match=r"nothing says what to search on pipeline 'orb'; name the options"):
+        preset_space("orb")
