@@ -23,7 +23,7 @@ from benchmarks.interval_coverage import score_of
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.gtf import GtfScore
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
-from gtf_tune.study.outcome.verdicts import ADOPT
+from gtf_tune.study.outcome.verdict import ADOPT
 from gtf_tune.trajectory import FloatArray
 
 CLEAN_RUNS = 2
@@ -78,7 +78,7 @@ def _verdict(world: World, generator: np.random.Generator, noisy_runs: int, effe
         Measured(number, {}, {"sequence": world.setting(generator, instances, effect)})
         for number, effect in enumerate([0.0, *effects])
     ]
-    return str(judge(Findings(settings[0], tuple(settings[1:])), GtfDefinition())["verdict"])
+    return judge(Findings(settings[0], tuple(settings[1:])), GtfDefinition()).word
 
 
 def main() -> None:

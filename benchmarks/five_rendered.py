@@ -16,10 +16,10 @@ from benchmarks.section import Aim, Effort, Section, median
 from gtf_tune.execution import LocalExecutor, StageCache
 from gtf_tune.sequence import Selection, Sequence, load_sequence
 from gtf_tune.store import ground_truth_errors
+from gtf_tune.store import trials as stored_trials
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.open_study import open_study
-from gtf_tune.study.outcome.improvement import pick
 from gtf_tune.study.work.worker import StudyWorker
 
 SPACE: Mapping[str, Mapping[str, Any]] = {
@@ -150,7 +150,7 @@ def _definition(scene: Scene, name: str, search: Mapping[str, Any]) -> dict[str,
 
 def _picked(database: Database, name: str, trials: int) -> Picked:
     study = open_study(database, name)
-    best = pick(database, study.record.id).best
+    best = stored_trials.best(database, study.record.id)
     truth = {
         number: next(iter(one.values()))
         for number, one in ground_truth_errors.values(database, study.record.id).items()

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import stats
@@ -15,6 +14,7 @@ from gtf_tune.gtf.random_effects import far_from_median
 from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.trajectories import trajectories
+from gtf_tune.study.outcome.verdict import Candidate, verdict_of
 from gtf_tune.trajectory import FloatArray, Trajectory
 
 _FEWEST = 3
@@ -51,28 +51,36 @@ def read_fresh(database: Database, outcome: Outcome, truth: Trajectory | None) -
     if truth is None or experiment.study not in studies.names(database):
         return []
     stored = confirmations.of_study(database, studies.get(database, experiment.study).id)
-    rows = stored[-1].result["candidates"] if stored else []
-    if not rows:
+    verdict = verdict_of(stored[-1]) if stored else None
+    if verdict is None or verdict.nominal is None:
         return []
-    name, result = experiment.option.name, stored[-1].result
-    errors = _errors(database, experiment, stored[-1].definition["run_keys"], result["nominal"]["options"][name], truth)
-    nominal = errors[float(result["nominal"]["options"][name])]
+    name = experiment.option.name
+    value = float(verdict.nominal.options[name])
+    errors = _errors(database, experiment, stored[-1].definition["run_keys"], value, truth)
     return [
-        judged(outcome, row, nominal, errors[float(row["options"][name])], row["ordinal"] == result["adopted"])
-        for row in rows
+        judged(outcome, one, errors[value], errors[float(one.options[name])], one.number == verdict.adopted)
+        for one in verdict.candidates
     ]
 
 
-def judged(outcome: Outcome, row: Mapping[str, Any], nominal: Errors, own: Errors, is_adopted: bool) -> FreshError:
-    """Return what ground truth says of a candidate, given the row that the confirmation has of it."""
-    value = float(row["options"][outcome.experiment.option.name])
+def judged(outcome: Outcome, candidate: Candidate, nominal: Errors, own: Errors, is_adopted: bool) -> FreshError:
+    """Return what ground truth says of a candidate of a confirmation."""
+    value = float(candidate.options[outcome.experiment.option.name])
     common = sorted(index for index in nominal.keys() & own.keys() if nominal[index] > 0 and own[index] > 0)
     logs = np.array([math.log(own[index] / nominal[index]) for index in common])
     change, low, high = _interval(logs[~far_from_median(logs)] if len(logs) else logs)
     clean = next((outcome.change(one) for one in outcome.settings if one.value == value), math.nan)
-    score = math.nan if row["improvement"] is None else -float(row["improvement"])
     return FreshError(
-        outcome.experiment.study, value, is_adopted, score, change, low, high, int((logs < 0).sum()), len(logs), clean
+        outcome.experiment.study,
+        value,
+        is_adopted,
+        -candidate.improvement.value,
+        change,
+        low,
+        high,
+        int((logs < 0).sum()),
+        len(logs),
+        clean,
     )
 
 

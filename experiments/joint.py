@@ -19,6 +19,7 @@ from experiments.plan import (
 from experiments.settings import PREDICTORS, Outcome
 from gtf_tune.store import confirmations, ground_truth_errors, studies, trials
 from gtf_tune.store.database import Database
+from gtf_tune.study.outcome.verdict import verdict_of
 
 SEQUENCES = (ROOM, "dtu-scan24")
 TRIALS = 35
@@ -95,7 +96,7 @@ def read_joint(database: Database, sequence: str) -> Joint | None:
     if best is None or not {0, best.number} <= truth.keys():
         return None
     confirmed = confirmations.of_study(database, study.id)
-    adopted = (confirmed[-1].result["adopted"] or 0) if confirmed else None
+    adopted = (verdict_of(confirmed[-1]).adopted or 0) if confirmed else None
     return Joint(
         sequence=sequence,
         sampler=str(json.loads(study.definition)["search"]["sampler"]),

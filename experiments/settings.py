@@ -17,6 +17,7 @@ from gtf_tune.metrics import ate
 from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trajectories import trajectories
+from gtf_tune.study.outcome.verdict import verdict_of
 from gtf_tune.trajectory import FloatArray, Trajectory
 
 AGGREGATES: tuple[Aggregate, ...] = ("mean", "median", "gmean", "trimmed")
@@ -142,7 +143,7 @@ def read_outcome(database: Database, experiment: Experiment, truth: Trajectory |
     stored = confirmations.of_study(database, study.id)
     if not stored:
         return Outcome(experiment, settings, None, "unconfirmed")
-    adopted = stored[-1].result["adopted"] or 0
+    adopted = verdict_of(stored[-1]).adopted or 0
     return Outcome(experiment, settings, next(one for one in settings if one.number == adopted), stored[-1].verdict)
 
 

@@ -11,6 +11,8 @@ from experiments.plan import AGGREGATE, CLEAN_RUNS, FIXED, NOISY_RUNS, OPTIONS, 
 from experiments.settings import Outcome
 from gtf_tune.store import confirmations, studies
 from gtf_tune.store.database import Database
+from gtf_tune.study.outcome import verdict
+from gtf_tune.study.outcome.improvement import Improvement, known
 
 SEARCHED = (ROOM, "hut", "kitti07")
 HELD_OUT = "fountain-P11"
@@ -87,25 +89,31 @@ def read_several(database: Database, outcomes: Sequence[Outcome]) -> list[Candid
     confirmed = confirmations.of_study(database, studies.get(database, STUDY).id)
     if not confirmed:
         return []
-    result = confirmed[-1].result
-    return [_candidate(row, result, outcomes) for row in result["candidates"]]
+    found = verdict.verdict_of(confirmed[-1])
+    return [_candidate(one, one.number == found.adopted, outcomes) for one in found.candidates]
 
 
-def _candidate(row: Mapping[str, Any], result: Mapping[str, Any], outcomes: Sequence[Outcome]) -> Candidate:
-    value = float(row["options"][OPTION.name])
+def _candidate(found: verdict.Candidate, is_adopted: bool, outcomes: Sequence[Outcome]) -> Candidate:
+    value = float(found.options[OPTION.name])
+    improvement, low, high = _known(found.improvement)
     return Candidate(
         value=value,
-        verdict=row["verdict"],
-        adopted=row["ordinal"] == result["adopted"],
-        reasons=tuple(row["reasons"]),
-        improvement=row["improvement"],
-        low=row["low"],
-        high=row["high"],
+        verdict=verdict.ADOPT if found.passes else verdict.KEEP,
+        adopted=is_adopted,
+        reasons=found.reasons,
+        improvement=improvement,
+        low=low,
+        high=high,
         by_sequence=tuple(
-            OnSequence(name, one["holdout"], one["improvement"], one["low"], one["high"], _truth(name, value, outcomes))
-            for name, one in row["by_sequence"].items()
+            OnSequence(name, one.is_holdout, *_known(one.improvement), _truth(name, value, outcomes))
+            for name, one in found.by_sequence.items()
         ),
     )
+
+
+def _known(found: Improvement) -> tuple[float | None, float | None, float | None]:
+    """Return the improvement and the ends of its interval, None where they are unknown."""
+    return known(found.value), known(found.low), known(found.high)
 
 
 def _truth(sequence: str, value: float, outcomes: Sequence[Outcome]) -> float | None:

@@ -1,4 +1,4 @@
-"""Run the main job on a rendered room: render, tune, compare with the truth."""
+"""Tune one option on a rendered room, and compare the outcome with ground truth."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -9,12 +9,14 @@ from gtf_tune.cli.parameters import CacheDir, Jobs
 from gtf_tune.cli.storage_access import hush_optuna
 from gtf_tune.cli.study.notes import suggest_outcome
 from gtf_tune.cli.study.report import report
-from gtf_tune.cli.terminal.console import number, percent, permille, say, write_line, write_table
+from gtf_tune.cli.terminal.console import number, percent, permille, say, write_line, write_pairs, write_table
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
+    from gtf_tune.store.studies import Study
 
 _OPTION = "mapper.max_normalized_reproj_error"
+_FEWEST_PAIRS = 3
 _VALUES = (3e-4, 6e-4, 1e-3, 2e-3, 4e-3, 1e-2, 5e-2)
 
 
@@ -25,7 +27,7 @@ def demo(
     jobs: Jobs = None,
     cache_dir: CacheDir = None,
 ) -> None:
-    """Render a room, tune one GLOMAP option on it without ground truth, and check the pick against the truth.
+    """Render a room, tune one GLOMAP option on it without ground truth, and check the outcome against the truth.
 
     Example: gtf-tune demo
     """
@@ -49,7 +51,7 @@ def demo(
         create_study(database, definition, folder.absolute())
     study = open_study(database, "demo")
     work_on(study, make_executor(jobs or cores(), cache_dir), trial_parallel=1)
-    _write_outcome(database, study.record.id)
+    _write_outcome(database, study.record)
     report(study.definition.name, folder / "report.html", storage=str(folder / "demo.db"))
     suggest_outcome(database, "demo")
 
@@ -71,35 +73,38 @@ def _definition() -> dict[str, Any]:
     }
 
 
-def _write_outcome(database: "Database", study_id: int) -> None:
-    from gtf_tune.store import ground_truth_errors, trials
-    from gtf_tune.study.outcome.improvement import rank_correlation
+def _write_outcome(database: "Database", study: "Study") -> None:
+    """Print every trial beside its error against ground truth, and how far the score agrees with it."""
+    from scipy.stats import spearmanr
 
-    known = [trial for trial in trials.of_study(database, study_id) if trial.value is not None]
-    recorded = ground_truth_errors.of_study(database, study_id)
-    truth = {trial_number: found[0].ate for trial_number, found in recorded.items() if found[0].ate is not None}
-    nominal, best = known[0], trials.best(database, study_id)
-    ranked = sorted(known, key=lambda trial: (trial.options or {})[_OPTION])
+    from gtf_tune.store import ground_truth_errors, trials
+    from gtf_tune.study.outcome.recommendation import recommend
+
+    known = [trial for trial in trials.of_study(database, study.id) if trial.value is not None]
+    recorded = ground_truth_errors.of_study(database, study.id)
+    truth = {number: errors[0].ate for number, errors in recorded.items() if errors[0].ate is not None}
+    found = recommend(database, study)
+    best = found.trial.number if found.trial else None
     rows = [
         (
             number(float((trial.options or {})[_OPTION])),
             permille(trial.gtf_ate),
             permille(trial.standard_error),
             number(truth.get(trial.number)),
-            _marks(trial.number == 0, best is not None and trial.number == best.number),
+            _marks(trial.number, best),
         )
-        for trial in ranked
+        for trial in sorted(known, key=lambda trial: (trial.options or {})[_OPTION])
     ]
     write_table([f">{_OPTION}", ">GTF ATE [‰]", ">± se", ">true ATE", ""], rows)
-    if best is not None and best.value and nominal.feasible and nominal.value and {0, best.number} <= truth.keys():
-        gain, true_gain = best.value / nominal.value - 1, truth[best.number] / truth[0] - 1
-        write_line(f"the pick changes GTF ATE by {percent(gain)}")
-        write_line(f"the pick changes true ATE, which the search never saw, by {percent(true_gain)}")
-        oracle = min(truth.values()) / truth[0] - 1
-        write_line(f"the best that ground truth itself would have found: {percent(oracle)}")
+    write_pairs({"verdict": found.text})
+    if best is not None and {0, best} <= truth.keys():
+        least = min(truth.values()) / truth[0] - 1
+        write_line(f"true ATE of that trial, which the search never saw: {percent(truth[best] / truth[0] - 1)}")
+        write_line(f"the best that ground truth itself would have found: {percent(least)}")
     pairs = [(trial.gtf_ate, truth[trial.number]) for trial in known if trial.gtf_ate and trial.number in truth]
-    write_line(f"rank correlation of GTF ATE and true ATE over {len(pairs)} settings: {rank_correlation(pairs):+.2f}")
+    rank = f"{spearmanr(*zip(*pairs, strict=True)).statistic:+.2f}" if len(pairs) >= _FEWEST_PAIRS else "-"
+    write_line(f"rank correlation of GTF ATE and true ATE over {len(pairs)} trials: {rank}")
 
 
-def _marks(is_nominal: bool, is_best: bool) -> str:
-    return ", ".join(word for word, shown in (("nominal", is_nominal), ("pick", is_best)) if shown)
+def _marks(number: int, best: int | None) -> str:
+    return ", ".join(word for word, marked in (("nominal", 0), ("best", best)) if number == marked)

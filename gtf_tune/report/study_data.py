@@ -2,9 +2,11 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 from gtf_tune.definition import StudyDefinition
+from gtf_tune.display import definition_unit
 from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, trials
 from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.database import Database
@@ -12,6 +14,9 @@ from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.runs import StoredRun, TrialRun
 from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.store.trials import Trial
+from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement, improvement_of
+from gtf_tune.study.outcome.recommendation import Recommendation, decide, evidence_of
+from gtf_tune.study.outcome.verdict import Verdict, verdict_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +53,22 @@ class StudyData:
         return next((trial for trial in self.feasible if trial.number == 0), None)
 
     @property
-    def best(self) -> Trial | None:
-        """Return the feasible trial with the smallest value, the first of equals, or None before there is one."""
-        return min(self.feasible, key=lambda trial: (trial.value, trial.number), default=None)
+    def verdict(self) -> Verdict | None:
+        """The verdict of the last confirmation."""
+        return verdict_of(self.confirmations[-1]) if self.confirmations else None
+
+    @cached_property
+    def recommendation(self) -> Recommendation:
+        """Which trial to use; needs all trials of the study."""
+        evidence = evidence_of(definition_unit(self.definition).name, self.trials, self.verdict)
+        best = evidence.best
+        return decide(evidence, self.improvement(best.number) if best else UNKNOWN_IMPROVEMENT)
+
+    def improvement(self, number: int) -> Improvement:
+        """Return the improvement of a feasible trial of the search on nominal."""
+        if not number or self.nominal is None or number not in self.details:
+            return UNKNOWN_IMPROVEMENT
+        return improvement_of(self.details[number], self.details[0])
 
     @property
     def has_several_sequences(self) -> bool:

@@ -42,12 +42,12 @@ def _rows(table: str) -> dict[str, list[str]]:
 
 def test_rescore_marks_trials_that_were_stopped_early(tuned: Cli, tmp_path: Path) -> None:
     with contextlib.closing(sqlite3.connect(tmp_path / "gtf-tune.db", isolation_level=None)) as database:
-        database.execute("UPDATE gtf_trial SET state = 'pruned' WHERE ordinal = 1")
+        database.execute("UPDATE gtf_trial SET state = 'pruned' WHERE number = 1")
 
     shown = tuned("study", "rescore", "small").out
 
     assert _rows(shown)["1"][3].endswith("*")
-    assert "* stopped early, on fewer noisy runs than the others: not to be picked" in shown
+    assert "* stopped early, on fewer noisy runs than the others: never recommended" in shown
 
 
 def test_rescore_knows_no_collapses_of_trials_without_noisy_runs(cli: Cli, room: Path) -> None:

@@ -15,12 +15,12 @@ def test_runs_that_choose_the_noise_do_not_count_in_the_time_that_trials_take(
 ) -> None:
     seconds = itertools.count(0, 100)
     monkeypatch.setattr(progress, "time", SimpleNamespace(perf_counter=lambda: float(next(seconds))))
-    shown = progress.StudyProgress(3, 0, sequence_unit(GtfDefinition()), None, None)
+    shown = progress.StudyProgress(3, 0, sequence_unit(GtfDefinition()), None)
 
     shown.noise_started("room", 0.0, 6)
     shown.noise_started("room", 0.5, 4)
     shown.noise_chosen("room", 0.5, "it is the weakest")
-    shown.trial_finished(TrialEnd(0, {}, TrialScore(0.002, -1.0, 1.0, "", {}), 6))
+    shown.trial_finished(TrialEnd(0, {}, TrialScore(0.002, -1.0, 1.0, "", {})))
 
     said = capsys.readouterr().err
     assert "noise of room: 0.5 grey levels (it is the weakest)" in said

@@ -49,7 +49,7 @@ def test_progress_and_followed_trials_tell_the_unit_of_each_score(cli: Cli) -> N
         progress = cli("study", "run", name, "--jobs", "1").err
         followed = cli("study", "watch", name).out
 
-        assert re.search(rf"nominal \(.*\): {unit}; 1/2, best {unit}, ", progress), progress
+        assert re.search(rf"nominal \(.*\): {unit}; 1/2, lowest {unit}, ", progress), progress
         assert re.search(rf"nominal: {unit}, ", followed), followed
         assert ("per mille" in progress + followed) is (name == "extent")
 

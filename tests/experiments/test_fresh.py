@@ -2,7 +2,6 @@ import json
 import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +10,7 @@ from experiments.fresh import FreshError, fresh_sentence, fresh_table, judged
 from experiments.plan import OPTIONS, Experiment
 from experiments.settings import Outcome
 from experiments.stored import stored_fresh
+from gtf_tune.study.outcome.verdict import Candidate
 from tests.experiments.test_experiment_outcomes import setting
 
 NAME = OPTIONS["huber"].name
@@ -20,8 +20,8 @@ OUTCOME = Outcome(
 NOMINAL = dict(enumerate(np.exp(0.5 * np.random.default_rng(0).standard_normal(12)).tolist()))
 
 
-def row(improvement: float | None = 0.2) -> dict[str, Any]:
-    return {"options": {NAME: 2.0}, "improvement": improvement}
+def row(improvement: float | None = 0.2) -> Candidate:
+    return Candidate.from_json({"ordinal": 1, "options": {NAME: 2.0}, "improvement": improvement})
 
 
 def candidate(ratios: list[float]) -> FreshError:

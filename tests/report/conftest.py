@@ -33,7 +33,7 @@ from gtf_tune.store.runs import RunUse
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
 from gtf_tune.store.trial_queue import TrialLease, TrialResult
 from gtf_tune.store.workers import this_worker
-from gtf_tune.study.outcome.verdicts import ADOPT
+from gtf_tune.study.outcome.verdict import ADOPT
 from gtf_tune.trajectory import Trajectory
 from gtf_tune.trajectory.alignment import MIN_MATCHED
 from tests.store.conftest import (  # noqa: F401 (fixtures)

@@ -10,7 +10,7 @@ from gtf_tune.report.drawing import theme
 from gtf_tune.report.drawing.hover import shortened, trial_text
 from gtf_tune.report.option_axis import searched_axes
 from gtf_tune.report.panels.matrices import matrix_figure
-from gtf_tune.report.panels.options import option_curve, option_figure
+from gtf_tune.report.panels.options import option_curve, option_figure, recommended_star
 from gtf_tune.report.panels.search import (
     history_figure,
     importance_figure,
@@ -25,7 +25,7 @@ from gtf_tune.store.database import Database
 
 def figure_of(data: StudyData, number: int = 0) -> go.Figure:
     points, axes = study_points(data), searched_axes(data)
-    return option_figure(option_curve(points, axes[number], len(axes)), points)
+    return option_figure(option_curve(points, axes[number], len(axes), recommended_star(data)), points)
 
 
 def traces(figure: go.Figure) -> dict[str, go.Scatter]:
@@ -43,11 +43,11 @@ def test_the_papers_figure_has_its_colours_and_axes(data: StudyData) -> None:
     assert figure.layout.xaxis.type == "log"
 
 
-def test_both_minima_are_marked_at_their_values(data: StudyData) -> None:
+def test_the_best_trial_and_the_least_true_error_are_marked_at_their_values(data: StudyData) -> None:
     shown = traces(figure_of(data))
 
     best = study_points(data).points[3]
-    assert list(shown["least GTF ATE: 0.002"].y) == [best.value]
+    assert list(shown["best so far: 0.002"].y) == [best.value]
     assert list(shown["least true ATE: 0.002"].y) == [best.ground_truth]
 
 

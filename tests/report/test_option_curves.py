@@ -5,7 +5,7 @@ import pytest
 from gtf_tune.definition import RangeAxis, ValuesAxis
 from gtf_tune.display import ScoreUnit
 from gtf_tune.report.option_axis import OptionAxis, option_axis, options_at_an_edge
-from gtf_tune.report.panels.options import option_curve
+from gtf_tune.report.panels.options import Star, option_curve
 from gtf_tune.report.points import PointSet, TrialPoint
 
 LOG = RangeAxis(low=1e-4, high=0.1, log=True)
@@ -16,14 +16,14 @@ def points_of(*points: TrialPoint) -> PointSet:
     return PointSet("walk", UNIT, "ground-truth ATE", points)
 
 
-def test_a_curve_is_sorted_along_its_axis_and_knows_both_minima_and_nominal() -> None:
+def test_a_curve_is_sorted_along_its_axis_and_has_the_best_trial_the_least_true_error_and_nominal() -> None:
     points = points_of(
         TrialPoint(0, "feasible", {"a": 0.01}, value=5.0, ground_truth=3.0),
         TrialPoint(1, "feasible", {"a": 0.001}, value=2.0, ground_truth=2.5),
         TrialPoint(2, "feasible", {"a": 0.003}, value=3.0, ground_truth=2.0),
     )
 
-    curve = option_curve(points, option_axis("a", LOG), searched=1)
+    curve = option_curve(points, option_axis("a", LOG), searched=1, star=Star(1, "adopted"))
 
     assert curve.places == (0.001, 0.003, 0.01)
     assert (curve.best, curve.best_ground_truth, curve.nominal) == (0, 1, 2)
@@ -94,8 +94,10 @@ def test_a_pick_at_an_end_of_its_range_is_named() -> None:
     assert options_at_an_edge(space, {"a": 1.01e-4, "b": 1.0, "c": 2}) == ("b",)
 
 
-def test_minima_are_unknown_where_nothing_is_scored() -> None:
-    curve = option_curve(points_of(TrialPoint(0, "infeasible", {"a": 0.01})), option_axis("a", LOG), searched=1)
+def test_nothing_is_marked_where_nothing_is_scored() -> None:
+    points = points_of(TrialPoint(0, "infeasible", {"a": 0.01}))
+
+    curve = option_curve(points, option_axis("a", LOG), searched=1, star=Star(0, "kept"))
 
     assert (curve.best, curve.best_ground_truth, curve.nominal) == (None, None, None)
 

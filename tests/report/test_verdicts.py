@@ -1,53 +1,54 @@
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
-import pytest
-
 from gtf_tune.report.build import read_configurations
-from gtf_tune.report.panels.verdict import verdict_headline, verdict_sentences
+from gtf_tune.report.panels.verdict import verdict_sentences
 from gtf_tune.report.study_data import StudyData, read_search, read_study
-from gtf_tune.report.verdict import compared_trials, study_verdict
+from gtf_tune.report.verdict import compared_trials, verdict_facts
 from gtf_tune.store.database import Database
-from gtf_tune.study.outcome.verdicts import NO_VERDICT
+from gtf_tune.study.outcome.verdict import NO_VERDICT
 
 Confirm = Callable[[Database, str], None]
 
 
-def test_the_best_trial_is_unconfirmed_without_a_confirmation(data: StudyData) -> None:
-    verdict = study_verdict(data)
+def sentences(data: StudyData) -> str:
+    return " ".join(verdict_sentences(data, verdict_facts(data)))
 
-    assert (verdict.kind, verdict.number) == ("unconfirmed", 3)
-    assert {change.option: (change.nominal, change.chosen) for change in verdict.changes} == {
+
+def test_the_recommended_options_stand_beside_nominal(data: StudyData) -> None:
+    facts = verdict_facts(data)
+
+    assert facts.recommendation.headline == "Trial 3 is the best so far; not confirmed yet"
+    assert {change.option: (change.nominal, change.chosen) for change in facts.changes} == {
         "filter.max_error": (0.01, 0.002),
         "robust.kernel": ("huber", "cauchy"),
     }
 
 
 def test_an_unconfirmed_improvement_is_paired_by_noise_and_said_to_be_flattering(data: StudyData) -> None:
-    verdict = study_verdict(data)
+    improvement = data.recommendation.improvement
 
-    assert verdict.improvement.low < verdict.improvement.value < verdict.improvement.high
-    assert verdict.improvement.value == pytest.approx(1 - verdict.ratio, abs=0.05)
-    assert "flatters" in verdict_sentences(data, verdict)[0]
-    assert "gtf-tune study confirm synthetic" in verdict_sentences(data, verdict)[0]
+    assert improvement.low < improvement.value < improvement.high
+    assert f"GTF ATE {improvement.change} (95 % interval {improvement.bounds}, 4 noisy runs)" in sentences(data)
+    assert "flatters" in sentences(data)
+    assert "gtf-tune study confirm synthetic" in sentences(data)
 
 
 def test_ground_truth_is_mentioned_as_something_that_the_search_never_saw(data: StudyData) -> None:
-    verdict = study_verdict(data)
+    facts = verdict_facts(data)
 
-    assert 0 < verdict.ground_truth < 1
-    assert any("never saw" in sentence for sentence in verdict_sentences(data, verdict))
+    assert -1 < facts.ground_truth < 0
+    assert f"which the search never saw, its error is {100 * facts.ground_truth:+.1f} %." in sentences(data)
 
 
 def test_a_confirmed_candidate_is_to_be_adopted(own_database: Database, confirm_study: Confirm) -> None:
     confirm_study(own_database, "adopt")
 
-    verdict = study_verdict(read_study(own_database, "synthetic"))
+    found = read_study(own_database, "synthetic").recommendation
 
-    assert (verdict.kind, verdict.number) == ("adopt", 3)
-    assert verdict.improvement.value == 0.31
-    assert verdict_headline(verdict) == "Adopt the options of trial 3"
+    assert (found.decision, found.trial and found.trial.number) == ("adopt", 3)
+    assert found.improvement.value == 0.31
+    assert found.headline == "Adopt the options of trial 3"
 
 
 def test_the_adopted_trial_is_drawn_beside_nominal_though_another_was_the_best_of_the_search(
@@ -60,24 +61,21 @@ def test_the_adopted_trial_is_drawn_beside_nominal_though_another_was_the_best_o
     both = {"candidates": [best, {**best, "ordinal": 8}], "adopted": 8}
     data = replace(data, confirmations=(replace(found, result={**found.result, **both}),))
 
-    settings = read_configurations(own_database, data)["walk"]
+    configurations = read_configurations(own_database, data)["walk"]
 
-    assert verdict_headline(study_verdict(data)) == "Adopt the options of trial 8"
+    assert data.recommendation.headline == "Adopt the options of trial 8"
     assert compared_trials(data) == [("nominal", 0), ("recommended", 8)]
-    assert [one.title for one in settings] == ["nominal (trial 0)", "recommended (trial 8)"]
+    assert [one.title for one in configurations] == ["nominal (trial 0)", "recommended (trial 8)"]
 
 
 def test_the_best_trial_is_drawn_beside_nominal_until_one_is_adopted(data: StudyData) -> None:
     assert compared_trials(data) == [("nominal", 0), ("best", 3)]
 
 
-def test_nominal_is_kept_where_no_candidate_was_confirmed(own_database: Database, confirm_study: Confirm) -> None:
+def test_a_trial_that_was_turned_down_is_drawn_by_its_score(own_database: Database, confirm_study: Confirm) -> None:
     confirm_study(own_database, "keep nominal")
 
-    verdict = study_verdict(read_study(own_database, "synthetic"))
-
-    assert (verdict.kind, verdict.number) == ("keep", 0)
-    assert verdict.candidates[0].reasons == ("not significantly better than nominal",)
+    assert compared_trials(read_study(own_database, "synthetic")) == [("nominal", 0), ("lowest score", 3)]
 
 
 def test_a_kept_nominal_is_not_said_to_be_unbeaten_where_candidates_were_better_but_fragile(
@@ -86,23 +84,22 @@ def test_a_kept_nominal_is_not_said_to_be_unbeaten_where_candidates_were_better_
     confirm_study(own_database, "keep nominal")
     data = read_study(own_database, "synthetic")
 
-    sentence = verdict_sentences(data, study_verdict(data))[0]
-
-    assert "none of 1 candidate passed every test" in sentence
-    assert "beat" not in sentence
+    assert data.recommendation.decision == "keep nominal"
+    assert "the only candidate did not pass every test" in sentences(data)
+    assert "not significantly better than nominal" in sentences(data)
+    assert "smaller" not in sentences(data)
 
 
 def test_a_kept_nominal_that_had_no_rival_was_not_run_again(own_database: Database, confirm_study: Confirm) -> None:
     confirm_study(own_database, "keep nominal")
     data = read_study(own_database, "synthetic")
     alone = replace(data.confirmations[0], result={"candidates": [], "adopted": None})
-    data = replace(data, confirmations=(alone,), trials=tuple(one for one in data.trials if one.number != 3))
-    best = replace(data, trials=tuple(replace(one, value=0.0) if not one.number else one for one in data.trials))
+    known = tuple(replace(one, value=0.0) if not one.number else one for one in data.trials if one.number != 3)
 
-    verdict = study_verdict(best)
+    data = replace(data, confirmations=(alone,), trials=known)
 
-    assert verdict.kind == "keep"
-    assert "nothing to confirm" in verdict_sentences(best, verdict)[0]
+    assert data.recommendation.decision == "keep nominal"
+    assert "nothing to confirm" in sentences(data)
 
 
 def test_a_nominal_that_does_not_work_is_never_kept(own_database: Database, confirm_study: Confirm) -> None:
@@ -111,12 +108,12 @@ def test_a_nominal_that_does_not_work_is_never_kept(own_database: Database, conf
     broken = [replace(one, feasible=False) if one.number == 0 else one for one in data.trials]
 
     data = replace(data, trials=tuple(broken))
-    verdict = study_verdict(data)
+    facts = verdict_facts(data)
 
-    assert (verdict.kind, verdict.number) == ("neither", 3)
-    assert math.isnan(verdict.improvement.value)
-    assert verdict.candidates
-    assert "the nominal options were infeasible in the search" in verdict_sentences(data, verdict)[0]
+    assert (facts.recommendation.decision, facts.recommendation.trial, facts.changes) == ("neither", None, ())
+    assert not facts.recommendation.improvement.is_known
+    assert "The nominal options were infeasible in the search" in sentences(data)
+    assert "create a study whose nominal options work" in sentences(data)
 
 
 def test_a_confirmation_in_which_nominal_did_not_work_is_not_asked_for_again(
@@ -125,48 +122,43 @@ def test_a_confirmation_in_which_nominal_did_not_work_is_not_asked_for_again(
     confirm_study(own_database, NO_VERDICT)
     data = read_study(own_database, "synthetic")
 
-    verdict = study_verdict(data)
-
-    assert verdict.kind == "neither"
-    assert "recommended" in verdict_headline(verdict)
-    assert "did not work" in verdict_sentences(data, verdict)[0]
-    assert not any("gtf-tune study confirm" in sentence for sentence in verdict_sentences(data, verdict))
+    assert data.recommendation.decision == "neither"
+    assert "did not work" in sentences(data)
+    assert "gtf-tune study confirm" not in sentences(data)
 
 
-def test_a_confirmation_says_nothing_about_a_better_trial_that_came_later(
+def test_a_better_trial_that_came_later_is_named_beside_the_adopted_one(
     own_database: Database, confirm_study: Confirm
 ) -> None:
     confirm_study(own_database, "adopt")
     data = read_study(own_database, "synthetic")
-    later = [replace(one, value=1e-6) if one.number == 8 else one for one in data.trials]
 
-    verdict = study_verdict(replace(data, trials=tuple(later)))
+    data = replace(data, trials=tuple(replace(one, value=1e-6) if one.number == 8 else one for one in data.trials))
 
-    assert (verdict.kind, verdict.number) == ("unconfirmed", 8)
+    assert data.recommendation.headline == "Adopt the options of trial 3"
+    assert "Trial 8, which that confirmation did not measure, has a smaller GTF ATE" in sentences(data)
+    assert "gtf-tune study confirm synthetic" in sentences(data)
 
 
 def test_nominal_stays_where_nothing_is_better(data: StudyData) -> None:
-    worse = tuple(one for one in data.trials if one.number in (0, 1))
+    found = replace(data, trials=tuple(one for one in data.trials if one.number in (0, 1)))
 
-    verdict = study_verdict(replace(data, trials=worse))
+    assert found.recommendation.decision == "nothing better"
+    assert found.recommendation.headline == "Keep the nominal options so far"
+    assert compared_trials(found) == [("nominal", 0)]
 
-    assert (verdict.kind, verdict.number) == ("none", 0)
-    assert verdict_headline(verdict) == "Keep the nominal options so far"
 
-
-def test_a_study_without_a_feasible_trial_has_no_verdict(database: Database) -> None:
+def test_a_study_without_a_feasible_trial_recommends_nothing(database: Database) -> None:
     data = read_search(database, "empty")
 
-    verdict = study_verdict(data)
-
-    assert (verdict.kind, verdict.number) == ("none", None)
-    assert verdict_sentences(data, verdict) == ["None of 0 trials is feasible and complete so far."]
+    assert (data.recommendation.decision, data.recommendation.trial) == ("nothing feasible", None)
+    assert sentences(data) == "None of 0 trials is feasible and complete so far."
 
 
 def test_a_pick_at_the_end_of_its_range_is_a_reason_to_widen_it(data: StudyData) -> None:
     edge = [replace(one, options={**(one.options or {}), "filter.max_error": 1e-5}) for one in data.trials]
 
-    verdict = study_verdict(replace(data, trials=tuple(edge)))
+    found = replace(data, trials=tuple(edge))
 
-    assert verdict.at_an_edge == ("filter.max_error",)
-    assert any("wider range" in sentence for sentence in verdict_sentences(data, verdict))
+    assert verdict_facts(found).at_an_edge == ("filter.max_error",)
+    assert "wider range" in sentences(found)

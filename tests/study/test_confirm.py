@@ -6,12 +6,12 @@ from gtf_tune.errors import DefinitionError, SequenceError
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.execution.base import RunLimits
 from gtf_tune.store import confirmations, runs, studies, trials
-from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.database import Database
 from gtf_tune.study.open_study import OpenStudy, open_study
 from gtf_tune.study.outcome.confirm import ConfirmationPlan, confirm, plan_confirmation
-from gtf_tune.study.outcome.improvement import pick
-from gtf_tune.study.outcome.recommendation import recommend
+from gtf_tune.study.outcome.recommendation import Recommendation
+from gtf_tune.study.outcome.recommendation import recommend as recommend_for
+from gtf_tune.study.outcome.verdict import Verdict
 from gtf_tune.study.runs.run_source import Interrupted, RunSlot, RunSource
 from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
 from gtf_tune.study.work.callbacks import Silent
@@ -31,7 +31,14 @@ def _plan(database: Database, **counts: int) -> tuple[OpenStudy, ConfirmationPla
     return study, plan_confirmation(study, {}, **counts)
 
 
-def _confirm(database: Database, executor: InlineExecutor | None = None, **counts: int) -> Confirmation:
+def _run_keys(database: Database) -> list[str]:
+    """Return the keys of the runs of the last confirmation."""
+    study_id = studies.get(database, "small").id
+    keys: list[str] = confirmations.of_study(database, study_id)[-1].definition["run_keys"]
+    return keys
+
+
+def _confirm(database: Database, executor: InlineExecutor | None = None, **counts: int) -> Verdict:
     study, plan = _plan(database, **counts)
     return confirm(study, plan, _source(database, executor or InlineExecutor(), StopRequest()))
 
@@ -45,10 +52,10 @@ def test_a_setting_that_is_truly_better_is_adopted(room: Path, database: Databas
 
     found = _confirm(database, top=1, noisy_runs=8)
 
-    assert found.verdict == "adopt"
-    (candidate,) = found.result["candidates"]
-    assert candidate["options"] == {"filter.max_error": BETTER}
-    assert 0 < candidate["low"] < candidate["improvement"] < candidate["high"]
+    assert found.word == "adopt"
+    (candidate,) = found.candidates
+    assert candidate.options == {"filter.max_error": BETTER}
+    assert 0 < candidate.improvement.low < candidate.improvement.value < candidate.improvement.high
 
 
 def test_the_runs_of_a_confirmation_share_no_noise_and_no_seed_with_the_search(
@@ -68,9 +75,11 @@ def test_the_runs_of_a_confirmation_share_no_noise_and_no_seed_with_the_search(
 def test_a_second_confirmation_draws_noise_of_its_own(room: Path, database: Database, run_study: Runner) -> None:
     run_study(definition_of(room, **GRID))
 
-    first, second = (_confirm(database, top=1, noisy_runs=4) for _ in range(2))
+    _confirm(database, top=1, noisy_runs=4)
+    first = _run_keys(database)
+    _confirm(database, top=1, noisy_runs=4)
 
-    assert not set(first.definition["run_keys"]) & set(second.definition["run_keys"])
+    assert not set(first) & set(_run_keys(database))
 
 
 def test_an_interrupted_confirmation_goes_on_with_the_same_runs(
@@ -94,10 +103,10 @@ def test_an_interrupted_confirmation_goes_on_with_the_same_runs(
     assert not confirmations.of_study(database, study.record.id)
     rest = InlineExecutor()
 
-    found = _confirm(database, rest, top=1, noisy_runs=4)
+    _confirm(database, rest, top=1, noisy_runs=4)
 
     assert len(rest.executed) == 6
-    assert len(found.definition["run_keys"]) == 12
+    assert len(_run_keys(database)) == 12
 
 
 def test_candidates_have_different_options_and_beat_nominal(room: Path, database: Database, run_study: Runner) -> None:
@@ -117,7 +126,7 @@ def test_without_a_better_setting_nothing_is_run_and_nominal_kept(
 
     found = _confirm(database, executor)
 
-    assert found.verdict == "keep nominal"
+    assert found.word == "keep nominal"
     assert executor.executed == []
 
 
@@ -133,9 +142,9 @@ def test_a_held_out_sequence_is_run_only_at_confirmation(
 
     assert {one.sequence.name for one in searched} == {"room"}
     assert {one.sequence.name for one in executor.executed} == {"room", "other"}
-    by_sequence = found.result["candidates"][0]["by_sequence"]
-    assert by_sequence["other"]["holdout"]
-    assert not by_sequence["room"]["holdout"]
+    by_sequence = found.candidates[0].by_sequence
+    assert by_sequence["other"].is_holdout
+    assert not by_sequence["room"].is_holdout
 
 
 def test_a_held_out_sequence_that_lies_elsewhere_is_asked_for_by_its_flag(
@@ -159,47 +168,22 @@ def test_too_few_noisy_runs_are_refused(room: Path, database: Database, run_stud
         _plan(database, noisy_runs=3)
 
 
+def recommend(database: Database) -> Recommendation:
+    return recommend_for(database, studies.get(database, "small"))
+
+
 def test_the_recommendation_follows_the_confirmation(room: Path, database: Database, run_study: Runner) -> None:
     run_study(definition_of(room, **GRID))
-    study_id = studies.get(database, "small").id
-    before = recommend(database, study_id, "small")
+    before = recommend(database)
 
-    _confirm(database, top=1, noisy_runs=8)
+    verdict = _confirm(database, top=1, noisy_runs=8)
 
-    after = recommend(database, study_id, "small")
-    assert before.verdict == "unconfirmed"
-    assert (after.verdict, after.trial.options) == ("adopt", {"filter.max_error": BETTER})
-
-
-def test_a_candidate_that_is_not_confirmed_leaves_nominal_recommended(
-    room: Path, database: Database, run_study: Runner
-) -> None:
-    run_study(definition_of(room, **GRID))
-    study_id = studies.get(database, "small").id
-    best = recommend(database, study_id, "small").trial
-    candidate = {"ordinal": best.number, "options": best.options, "verdict": "keep nominal"}
-
-    confirmations.add(
-        database, study_id, {}, {"verdict": "keep nominal", "adopted": None, "candidates": [candidate]}, "keep nominal"
-    )
-
-    assert recommend(database, study_id, "small").trial.number == 0
-
-
-def test_a_nominal_that_does_not_work_is_never_recommended(room: Path, database: Database, run_study: Runner) -> None:
-    # Some runs fail whatever the options are: with this seed nominal's do, and those of other settings do not.
-    pipeline = {"settings": {"failure": "error", "failure_rate": 0.3, "collapse_rate": 0.0}}
-    run_study(definition_of(room, **{**GRID, "pipeline": pipeline, "gtf": {"clean_runs": 1, "noisy_runs": 1}}))
-    study_id = studies.get(database, "small").id
-    best = recommend(database, study_id, "small").trial
-    candidate = {"ordinal": best.number, "options": best.options, "verdict": "keep nominal"}
-    result = {"verdict": "keep nominal", "adopted": None, "candidates": [candidate]}
-
-    confirmations.add(database, study_id, {}, result, "keep nominal")
-
-    found = recommend(database, study_id, "small")
-    assert not trials.get(database, study_id, 0).feasible
-    assert (found.verdict, found.trial.number) == ("unconfirmed", best.number)
+    after = recommend(database)
+    assert before.decision == "unconfirmed"
+    assert after.decision == "adopt"
+    assert after.trial is not None
+    assert after.trial.options == {"filter.max_error": BETTER}
+    assert after.improvement == verdict.candidates[0].improvement
 
 
 def test_a_luckier_trial_of_a_setting_that_was_compared_is_confirmed_too(
@@ -211,36 +195,26 @@ def test_a_luckier_trial_of_a_setting_that_was_compared_is_confirmed_too(
         "search": {"sampler": "random", "trials": 8},
     }
     run_study(definition_of(room, **{**GRID, **repeated}))
-    study_id = studies.get(database, "small").id
+    best = trials.best(database, studies.get(database, "small").id)
+    before = recommend(database)
 
     _confirm(database, top=1, noisy_runs=8)
 
-    found, best = recommend(database, study_id, "small"), trials.best(database, study_id)
+    after = recommend(database)
     assert best is not None
     assert best.number
-    assert best.options == found.trial.options == {"filter.max_error": 0.01}
-    assert (found.verdict, found.trial.number) == ("keep nominal", 0)
-    assert pick(database, study_id).is_nominal
-
-
-def test_a_better_trial_after_the_confirmation_is_unconfirmed(
-    room: Path, database: Database, run_study: Runner
-) -> None:
-    run_study(definition_of(room, **GRID))
-    study_id = studies.get(database, "small").id
-    worse = {"ordinal": 3, "options": trials.get(database, study_id, 3).options, "verdict": "adopt"}
-    result = {"verdict": "adopt", "adopted": 3, "candidates": [worse]}
-
-    confirmations.add(database, study_id, {}, result, "adopt")
-
-    assert recommend(database, study_id, "small").verdict == "unconfirmed"
+    assert best.options == {"filter.max_error": 0.01}
+    assert (before.decision, after.decision) == ("nothing better", "keep nominal")
+    assert [found.trial.number for found in (before, after) if found.trial] == [0, 0]
+    assert after.evidence.newer is None
 
 
 def test_deleting_a_study_deletes_the_runs_of_its_confirmations(
     room: Path, database: Database, run_study: Runner
 ) -> None:
     run_study(definition_of(room, **GRID))
-    keys = _confirm(database, top=1, noisy_runs=4).definition["run_keys"]
+    _confirm(database, top=1, noisy_runs=4)
+    keys = _run_keys(database)
     before = runs.find(database, keys)
 
     studies.delete_study(database, "small")

@@ -41,28 +41,28 @@ def findings(*candidates: dict[str, GtfScore], nominal: dict[str, GtfScore], **m
 def test_a_clear_improvement_is_adopted() -> None:
     result = judge(findings({"a": score(0.7, seed=1)}, nominal={"a": score(1.0)}), GTF)
 
-    assert (result["verdict"], result["adopted"]) == ("adopt", 1)
-    assert result["candidates"][0]["improvement"] == pytest.approx(0.3, abs=0.05)
+    assert (result.word, result.adopted) == ("adopt", 1)
+    assert result.candidates[0].improvement.value == pytest.approx(0.3, abs=0.05)
 
 
 def test_no_difference_keeps_nominal() -> None:
     result = judge(findings({"a": score(1.0, seed=1, spread=0.2)}, nominal={"a": score(1.0)}), GTF)
 
-    assert result["verdict"] == "keep nominal"
-    assert result["candidates"][0]["reasons"] == ["not significantly better than nominal"]
+    assert result.word == "keep nominal"
+    assert result.candidates[0].reasons == ("not significantly better than nominal",)
 
 
 def test_a_certain_but_tiny_improvement_is_not_worth_a_change() -> None:
     result = judge(findings({"a": score(0.99, seed=1, spread=0.001)}, nominal={"a": score(1.0, spread=0.001)}), GTF)
 
-    assert result["verdict"] == "keep nominal"
-    assert result["candidates"][0]["reasons"] == ["better by less than 2%, which is not worth a change"]
+    assert result.word == "keep nominal"
+    assert result.candidates[0].reasons == ("better by less than 2%, which is not worth a change",)
 
 
 def test_the_best_of_several_adoptable_candidates_is_adopted() -> None:
     found = findings({"a": score(0.8, seed=1)}, {"a": score(0.6, seed=2)}, nominal={"a": score(1.0)})
 
-    assert judge(found, GTF)["adopted"] == 2
+    assert judge(found, GTF).adopted == 2
 
 
 def test_the_surer_of_two_improvements_is_adopted() -> None:
@@ -70,38 +70,39 @@ def test_the_surer_of_two_improvements_is_adopted() -> None:
 
     result = judge(findings(scattered, sure, nominal={"a": score(1.0, spread=0.02)}), GTF)
 
-    larger, surer = result["candidates"]
-    assert larger["verdict"] == surer["verdict"] == "adopt"
-    assert larger["improvement"] > surer["improvement"]
-    assert result["adopted"] == 2
+    larger, surer = result.candidates
+    assert larger.passes
+    assert surer.passes
+    assert larger.improvement.value > surer.improvement.value
+    assert result.adopted == 2
 
 
 def test_several_candidates_raise_the_bar() -> None:
     candidate, nominal = {"a": score(0.95, seed=3, spread=0.07)}, {"a": score(1.0, spread=0.02)}
-    alone = judge(findings(candidate, nominal=nominal), GTF)["candidates"][0]
-    among = judge(findings(candidate, candidate, candidate, nominal=nominal), GTF)["candidates"][0]
+    alone = judge(findings(candidate, nominal=nominal), GTF).candidates[0]
+    among = judge(findings(candidate, candidate, candidate, nominal=nominal), GTF).candidates[0]
 
-    assert among["adjusted_p_value"] == pytest.approx(3 * alone["adjusted_p_value"])
+    assert among.adjusted_p_value == pytest.approx(3 * alone.adjusted_p_value)
 
 
 def test_more_collapsed_runs_than_nominal_prevent_an_adoption() -> None:
     result = judge(findings({"a": score(0.7, seed=1, collapsed=1)}, nominal={"a": score(1.0)}), GTF)
 
-    assert result["verdict"] == "keep nominal"
-    assert "collapsed" in result["candidates"][0]["reasons"][0]
+    assert result.word == "keep nominal"
+    assert "collapsed" in result.candidates[0].reasons[0]
 
 
 def test_a_run_below_the_coverage_floor_prevents_an_adoption() -> None:
     result = judge(findings({"a": score(0.7, seed=1, coverage=0.9)}, nominal={"a": score(1.0)}), GTF)
 
-    assert result["verdict"] == "keep nominal"
-    assert "90% of the frames, less than 95%" in result["candidates"][0]["reasons"][0]
+    assert result.word == "keep nominal"
+    assert "90% of the frames, less than 95%" in result.candidates[0].reasons[0]
 
 
 def test_a_run_just_below_the_floor_is_not_said_to_register_as_much_as_the_floor() -> None:
     result = judge(findings({"a": score(0.7, seed=1, coverage=18 / 19)}, nominal={"a": score(1.0)}), GTF)
 
-    assert result["candidates"][0]["reasons"] == ["a run on a registered 94.7% of the frames, less than 95.0%"]
+    assert result.candidates[0].reasons == ("a run on a registered 94.7% of the frames, less than 95.0%",)
 
 
 def test_a_regression_on_a_held_out_sequence_prevents_an_adoption() -> None:
@@ -114,8 +115,8 @@ def test_a_regression_on_a_held_out_sequence_prevents_an_adoption() -> None:
         GTF,
     )
 
-    assert result["verdict"] == "keep nominal"
-    assert result["candidates"][0]["reasons"] == ["worse on held"]
+    assert result.word == "keep nominal"
+    assert result.candidates[0].reasons == ("worse on held",)
 
 
 def test_a_held_out_sequence_does_not_earn_an_adoption() -> None:
@@ -128,16 +129,16 @@ def test_a_held_out_sequence_does_not_earn_an_adoption() -> None:
         GTF,
     )
 
-    assert result["verdict"] == "keep nominal"
+    assert result.word == "keep nominal"
 
 
 def test_several_sequences_count_by_their_geometric_mean_whatever_their_units() -> None:
     nominal = {"a": score(1.0), "b": score(1000.0, seed=1)}
     candidate = {"a": score(0.5, seed=2), "b": score(900.0, seed=3)}
 
-    found = judge(findings(candidate, nominal=nominal), GTF)["candidates"][0]
+    found = judge(findings(candidate, nominal=nominal), GTF).candidates[0]
 
-    assert 1 - found["improvement"] == pytest.approx(math.sqrt(0.5 * 0.9), rel=0.05)
+    assert 1 - found.improvement.value == pytest.approx(math.sqrt(0.5 * 0.9), rel=0.05)
 
 
 def test_collapses_on_one_sequence_do_not_blur_what_is_found_on_the_others() -> None:
@@ -145,12 +146,12 @@ def test_collapses_on_one_sequence_do_not_blur_what_is_found_on_the_others() -> 
     nominal = {name: score(1.0, seed=number) for number, name in enumerate(names)}
     candidate = {name: score(0.8, seed=9 + number, collapsed=2 * (name == "c")) for number, name in enumerate(names)}
 
-    (found,) = judge(findings(candidate, nominal=nominal), GTF)["candidates"]
+    (found,) = judge(findings(candidate, nominal=nominal), GTF).candidates
 
-    assert found["improvement"] == pytest.approx(0.2, abs=0.02)
-    assert found["high"] - found["low"] < 0.1
-    assert found["instances"] == 3 * NOISY - 2
-    assert found["reasons"] == [f"2 of {NOISY} noisy runs on c collapsed, 0 under nominal"]
+    assert found.improvement.value == pytest.approx(0.2, abs=0.02)
+    assert found.improvement.high - found.improvement.low < 0.1
+    assert found.improvement.instances == 3 * NOISY - 2
+    assert found.reasons == (f"2 of {NOISY} noisy runs on c collapsed, 0 under nominal",)
 
 
 def test_a_nominal_that_never_works_cannot_be_compared_with() -> None:
@@ -159,8 +160,8 @@ def test_a_nominal_that_never_works_cannot_be_compared_with() -> None:
 
     result = judge(findings({"a": score(0.5)}, nominal={"a": nothing}), GTF)
 
-    assert (result["verdict"], result["adopted"]) == ("none", None)
-    assert "cannot be compared with nominal" in result["candidates"][0]["reasons"][0]
+    assert (result.word, result.adopted) == ("none", None)
+    assert "cannot be compared with nominal" in result.candidates[0].reasons[0]
 
 
 def test_a_nominal_that_works_once_cannot_be_compared_with_either() -> None:
@@ -169,10 +170,10 @@ def test_a_nominal_that_works_once_cannot_be_compared_with_either() -> None:
 
     result = judge(findings({"a": score(0.5)}, nominal={"a": mostly_failed}), GTF)
 
-    assert (result["verdict"], result["adopted"]) == ("none", None)
-    assert result["candidates"][0]["reasons"] == [
-        f"cannot be compared with nominal, which worked in 1 of {NOISY} noisy runs on a"
-    ]
+    assert (result.word, result.adopted) == ("none", None)
+    assert result.candidates[0].reasons == (
+        f"cannot be compared with nominal, which worked in 1 of {NOISY} noisy runs on a",
+    )
 
 
 def test_runs_that_share_few_frames_prevent_an_adoption() -> None:
@@ -181,10 +182,10 @@ def test_runs_that_share_few_frames_prevent_an_adoption() -> None:
 
     result = judge(findings({"a": candidate}, nominal={"a": score(1.0, coverage=0.8)}), GTF)
 
-    assert result["verdict"] == "keep nominal"
-    assert result["candidates"][0]["reasons"] == [
-        "a noisy run on a shares 38% of its frames with a clean one, less than 50%"
-    ]
+    assert result.word == "keep nominal"
+    assert result.candidates[0].reasons == (
+        "a noisy run on a shares 38% of its frames with a clean one, less than 50%",
+    )
 
 
 def test_noisy_runs_are_measured_by_what_nominal_registers_under_noise() -> None:
@@ -193,7 +194,7 @@ def test_noisy_runs_are_measured_by_what_nominal_registers_under_noise() -> None
 
     result = judge(findings({"a": candidate}, nominal={"a": nominal}), GTF)
 
-    assert result["candidates"][0]["reasons"] == ["a run on a registered 50% of the frames, less than 76%"]
+    assert result.candidates[0].reasons == ("a run on a registered 50% of the frames, less than 76%",)
 
 
 def test_runs_that_cannot_be_aligned_prevent_an_adoption() -> None:
@@ -202,8 +203,8 @@ def test_runs_that_cannot_be_aligned_prevent_an_adoption() -> None:
 
     result = judge(findings({"a": candidate}, nominal={"a": score(1.0)}), GTF)
 
-    assert result["verdict"] == "keep nominal"
-    assert result["candidates"][0]["reasons"] == ["runs on a cannot be compared: on a line"]
+    assert result.word == "keep nominal"
+    assert result.candidates[0].reasons == ("runs on a cannot be compared: on a line",)
 
 
 def test_a_nominal_that_fails_on_a_held_out_sequence_only_is_kept() -> None:
@@ -212,7 +213,7 @@ def test_a_nominal_that_fails_on_a_held_out_sequence_only_is_kept() -> None:
 
     result = judge(findings(no_better, nominal={"a": score(1.0), "held": nothing}, holdouts=frozenset({"held"})), GTF)
 
-    assert result["verdict"] == "keep nominal"
+    assert result.word == "keep nominal"
 
 
 def failed_at(found: GtfScore, run: int) -> GtfScore:
@@ -233,8 +234,8 @@ def test_as_many_failed_runs_as_under_nominal_prevent_nothing() -> None:
     elsewhere = judge(findings({"a": candidate}, nominal={"a": failed_at(score(1.0), 3)}), GTF)
     more = judge(findings({"a": candidate}, nominal={"a": score(1.0)}), GTF)
 
-    assert (elsewhere["verdict"], elsewhere["candidates"][0]["reasons"]) == ("adopt", [])
-    assert more["verdict"] == "keep nominal"
+    assert (elsewhere.word, elsewhere.candidates[0].reasons) == ("adopt", ())
+    assert more.word == "keep nominal"
 
 
 def test_one_failed_run_of_nominal_does_not_open_the_door_to_settings_that_drop_frames() -> None:
@@ -243,30 +244,30 @@ def test_one_failed_run_of_nominal_does_not_open_the_door_to_settings_that_drop_
 
     result = judge(findings({"a": score(0.5, seed=1, coverage=0.1)}, nominal={"a": nominal}), GTF)
 
-    assert result["verdict"] == "keep nominal"
-    assert result["candidates"][0]["reasons"] == ["a run on a registered 10% of the frames, less than 95%"]
+    assert result.word == "keep nominal"
+    assert result.candidates[0].reasons == ("a run on a registered 10% of the frames, less than 95%",)
 
 
 def test_noisy_runs_need_no_more_frames_than_nominal_registers_under_noise() -> None:
     nominal = replace(score(1.0), coverage_noisy=np.full(NOISY, 0.8))
     candidate = replace(score(0.5, seed=1), coverage_noisy=np.full(NOISY, 0.9))
 
-    assert judge(findings({"a": candidate}, nominal={"a": nominal}), GTF)["verdict"] == "adopt"
+    assert judge(findings({"a": candidate}, nominal={"a": nominal}), GTF).word == "adopt"
 
 
 def test_a_nominal_that_mostly_collapses_is_not_protected_by_its_own_median() -> None:
     nominal = score(1.0, collapsed=8)
     nominal = replace(nominal, collapsed=np.zeros(NOISY, dtype=bool))
 
-    assert judge(findings({"a": score(0.5, seed=1, collapsed=1)}, nominal={"a": nominal}), GTF)["verdict"] == "adopt"
+    assert judge(findings({"a": score(0.5, seed=1, collapsed=1)}, nominal={"a": nominal}), GTF).word == "adopt"
 
 
 def test_a_run_as_good_as_nominals_usual_ones_is_no_collapse() -> None:
     candidate = score(0.15, seed=1)
     candidate.matrix[:, 3] /= 0.15
 
-    assert judge(findings({"a": candidate}, nominal={"a": score(1.0)}), GTF)["verdict"] == "adopt"
+    assert judge(findings({"a": candidate}, nominal={"a": score(1.0)}), GTF).word == "adopt"
 
 
 def test_without_candidates_nominal_is_kept() -> None:
-    assert judge(Findings(None, ()), GTF)["verdict"] == "keep nominal"
+    assert judge(Findings(None, ()), GTF).word == "keep nominal"

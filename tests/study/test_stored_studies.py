@@ -82,5 +82,5 @@ def test_a_study_of_an_earlier_commit_is_confirmed(stored: Database, name: str, 
 
     found = confirm(study, plan, RunSource(stored, InlineExecutor(), RunLimits(60.0, 2**30), StopRequest(), Silent()))
 
-    assert found.verdict in ("adopt", "keep nominal")
-    assert [one["ordinal"] for one in found.result["candidates"]] == [one.number for one in plan.candidates]
+    assert found.word in ("adopt", "keep nominal")
+    assert [one.number for one in found.candidates] == [one.number for one in plan.candidates]

@@ -1,4 +1,4 @@
-"""Write a pick in the forms that people paste back into their tools."""
+"""Write options in the forms that people paste back into their tools."""
 
 import contextlib
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ def export(
     trial: TrialNumber = None,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
-    """Write the setting to use as a COLMAP project file, flags or JSON; all trials as CSV; trajectories as TUM files.
+    """Write the options to use as a COLMAP project file, flags or JSON; all trials as CSV; trajectories as TUM files.
 
     Example: gtf-tune study export photos --format colmap-ini -o project.ini
     """
@@ -55,20 +55,25 @@ def export(
     if format_ == "tum":
         _write_trajectories(database, chosen, output or Path(f"{name}-trial-{chosen.number}"))
         return
-    text = export_module.setting_text(format_, stored_definition(study), chosen.options or {})
+    text = export_module.options_text(format_, stored_definition(study), chosen.options or {})
     _deliver(text, output)
 
 
 def _choose(database: "Database", study: "Study", number: int | None) -> "Trial":
+    """Return the trial that was asked for, else the one to use; `StorageError` where none is."""
+    from gtf_tune.errors import StorageError
     from gtf_tune.store import trials
-    from gtf_tune.study.outcome.recommendation import recommend
+    from gtf_tune.study.outcome.recommendation import recommend, require_trial
 
     if number is not None:
         return trials.get(database, study.id, number)
-    found = recommend(database, study.id, study.name)
-    against = ", though the last confirmation turned it down" if found.turned_down else ""
-    say(f"verdict: {found.verdict}; writing trial {found.trial.number}{against}")
-    return found.trial
+    found = recommend(database, study)
+    if found.trial is None and found.evidence.best is not None:
+        raise StorageError(f"{found.text} Name a trial to write with --trial N")
+    trial = require_trial(database, study, found)
+    say(found.text)
+    say(f"writing trial {trial.number}")
+    return trial
 
 
 def _trials_csv(database: "Database", study: "Study") -> str:

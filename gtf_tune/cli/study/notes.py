@@ -1,4 +1,4 @@
-"""Warn of what makes the outcome of a study worth little, and say what to do with it."""
+"""Warn of what makes the outcome of a study doubtful, and suggest the next command."""
 
 from collections.abc import Collection
 from typing import TYPE_CHECKING
@@ -9,8 +9,9 @@ from gtf_tune.cli.terminal.console import say
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
     from gtf_tune.store.studies import Study
+    from gtf_tune.study.outcome.recommendation import Recommendation
 
-STOPPED_EARLY = "* stopped early, on fewer noisy runs than the others: not to be picked"
+STOPPED_EARLY = "* stopped early, on fewer noisy runs than the others: never recommended"
 _GOOD_COVERAGE = 0.9
 
 
@@ -55,42 +56,42 @@ def warn_of_mixed_versions(database: "Database", study_id: int, numbers: Collect
 
 
 def suggest_export(database: "Database", name: str, pipeline: str) -> None:
-    """Say on stderr how to write the setting to use in the form that users of the pipeline paste."""
+    """Say on stderr how to write the options to use in the form that users of the pipeline paste."""
     from gtf_tune.study.outcome.export import formats_of
 
     say(f"Next: gtf-tune study export {name} --format {formats_of(pipeline)[0]}{storage_flag(database)}")
 
 
-def suggest_working_nominal(name: str, flag: str) -> None:
-    """Say on stderr what to do where nominal did not work in a confirmation, so that nothing compares with it."""
-    say(
-        "nominal did not work on fresh noise, so there is nothing to compare with: create a study whose nominal "
-        f"options (--option) work. Next: gtf-tune study report {name}{flag}"
-    )
+def suggest_step(found: "Recommendation", database: "Database", study: "Study") -> None:
+    """Say on stderr what to do with a recommendation."""
+    from gtf_tune.store.studies import stored_definition
 
-
-def suggest_nominal_that_works(name: str, flag: str) -> None:
-    """Say on stderr what to do where a confirmation speaks for a nominal setting that failed in the search."""
-    say(
-        "the confirmation turned the best setting down, and nominal failed in the search, so neither is recommended: "
-        f"create a study whose nominal options (--option) work. Next: gtf-tune study report {name}{flag}"
-    )
+    name, flag = study.name, storage_flag(database)
+    if found.step == "export":
+        suggest_export(database, name, stored_definition(study).pipeline.name)
+    elif found.step == "confirm":
+        say(f"Next: gtf-tune study confirm {name}{flag}")
+    elif found.step == "new study":
+        say(f"create a study whose nominal options (--option) work. Next: gtf-tune study report {name}{flag}")
+    elif found.step == "extend":
+        say(f"Next: gtf-tune study extend {name} --trials N{flag}")
+    else:
+        # The report shows the logs of failed runs.
+        command = {"done": "report", "paused": "resume", "stopped": "resume"}.get(study.state, "run")
+        say(f"Next: gtf-tune study {command} {name}{flag}")
 
 
 def suggest_outcome(database: "Database", name: str) -> None:
-    """Say on stderr how to see the setting to use, or, where no trial is feasible, what became of the trials."""
+    """Say on stderr how to see which trial to use, or, where no trial is feasible, what became of the trials."""
     from gtf_tune.store import studies, trials
 
     found = trials.best(database, studies.get(database, name).id)
     say(f"Next: gtf-tune study {'show' if found is None else 'best'} {name}{storage_flag(database)}")
 
 
-def suggest_after_show(database: "Database", study: "Study") -> None:
+def suggest_after_show(database: "Database", study: "Study", found: "Recommendation") -> None:
     """Say on stderr what to do with a study whose trials are known."""
-    from gtf_tune.store import trials
-
-    command = "best"
-    if trials.best(database, study.id) is None:
-        # The report shows the logs of failed runs.
-        command = {"done": "report", "paused": "resume", "stopped": "resume"}.get(study.state, "run")
-    say(f"Next: gtf-tune study {command} {study.name}{storage_flag(database)}")
+    if found.step == "wait":
+        suggest_step(found, database, study)
+    else:
+        say(f"Next: gtf-tune study best {study.name}{storage_flag(database)}")

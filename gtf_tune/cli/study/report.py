@@ -10,13 +10,14 @@ import typer
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage
 from gtf_tune.cli.study.notes import suggest_outcome
-from gtf_tune.cli.terminal.console import duration, percent, say, write_line
+from gtf_tune.cli.terminal.console import duration, say, write_line
 
 if TYPE_CHECKING:
     from gtf_tune.display import ScoreUnit
     from gtf_tune.report.definition import ReportDefinition
     from gtf_tune.store.database import Database
     from gtf_tune.store.trials import Trial
+    from gtf_tune.study.outcome.improvement import Improvement
 
 
 class Format(StrEnum):
@@ -69,6 +70,7 @@ def watch(
     from gtf_tune.display import definition_unit
     from gtf_tune.store import studies, trials
     from gtf_tune.store.studies import stored_definition
+    from gtf_tune.study.outcome.improvement import read_improvements
 
     database = open_storage(storage)
     shown: set[int] = set()
@@ -76,11 +78,11 @@ def watch(
     while True:
         study = studies.get(database, name)
         known = trials.of_study(database, study.id)
-        nominal = next((trial.value for trial in known if trial.number == 0 and trial.feasible), None)
-        for trial in known:
-            if trial.state != "claimed" and trial.number not in shown:
-                shown.add(trial.number)
-                write_line(_line(trial, nominal, unit))
+        ended = [trial for trial in known if trial.state != "claimed" and trial.number not in shown]
+        improvements = read_improvements(database, study.id, ended)
+        for trial in ended:
+            shown.add(trial.number)
+            write_line(_line(trial, improvements.get(trial.number), unit))
         if study.state == "done":
             say(f"study '{name}' is done")
             suggest_outcome(database, name)
@@ -89,19 +91,15 @@ def watch(
 
 
 def snippets(database: "Database", name: str) -> dict[str, str]:
-    """Return the recommended setting in the forms that people paste; nothing before there is one."""
-    from gtf_tune.errors import StorageError
+    """Return the options to use in the forms that people paste; nothing where no trial is recommended."""
     from gtf_tune.store import studies
     from gtf_tune.store.studies import stored_definition
-    from gtf_tune.study.outcome.export import setting_files
+    from gtf_tune.study.outcome.export import options_files
     from gtf_tune.study.outcome.recommendation import recommend
 
     study = studies.get(database, name)
-    try:
-        found = recommend(database, study.id, name)
-    except StorageError:
-        return {}
-    return setting_files(stored_definition(study), found.trial.options or {})
+    found = recommend(database, study)
+    return options_files(stored_definition(study), found.trial.options or {}) if found.trial else {}
 
 
 def _panels(path: Path | None) -> "ReportDefinition":
@@ -110,10 +108,10 @@ def _panels(path: Path | None) -> "ReportDefinition":
     return ReportDefinition() if path is None else load_report_definition(path)
 
 
-def _line(trial: "Trial", nominal: float | None, unit: "ScoreUnit") -> str:
+def _line(trial: "Trial", improvement: "Improvement | None", unit: "ScoreUnit") -> str:
     name = "nominal" if trial.number == 0 else f"trial {trial.number}"
     if trial.value is None or not trial.feasible:
         return f"{name}: infeasible, {trial.message}"
-    gain = f" ({percent(trial.value / nominal - 1)})" if nominal and trial.number else ""
+    change = f", {improvement.text}" if improvement and improvement.is_known else ""
     early = ", stopped early" if trial.state == "pruned" else ""
-    return f"{name}: {unit.told(trial.value)}{gain}, {duration(trial.wall_s)} on {trial.host}{early}"
+    return f"{name}: {unit.told(trial.value)}{change}, {duration(trial.wall_s)} on {trial.host}{early}"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from gtf_tune.cli.terminal.console import chosen_noise, duration, percent, say, stderr, tried_noise
+from gtf_tune.cli.terminal.console import chosen_noise, duration, say, stderr, tried_noise
 
 if TYPE_CHECKING:
     from gtf_tune.display import ScoreUnit
@@ -20,20 +20,17 @@ if TYPE_CHECKING:
 
 
 class StudyProgress:
-    """Hear of trials and runs and show how far the study is, what is best so far, and how long it will take.
+    """Show how far a study is, the lowest score so far, and how long it will take.
 
-    ``finished`` trials of ``budget`` were done before. Scores are told in ``unit``; ``nominal`` and ``best`` are None
-    where there is no feasible trial to speak of. The time left follows from the time per trial so far.
+    ``finished`` trials of ``budget`` were done before. Scores are shown in ``unit``; ``lowest`` is None where no trial
+    is feasible yet. The time left follows from the time per trial so far.
     """
 
-    def __init__(
-        self, budget: int, finished: int, unit: "ScoreUnit", nominal: float | None, best: float | None
-    ) -> None:
+    def __init__(self, budget: int, finished: int, unit: "ScoreUnit", lowest: float | None) -> None:
         self._budget = budget
         self._finished = finished
         self._unit = unit
-        self._nominal = nominal
-        self._best = best
+        self._lowest = lowest
         self._lock = threading.Lock()
         self._began = time.perf_counter()
         self._noise_began: float | None = None
@@ -59,11 +56,8 @@ class StudyProgress:
 
         counts = trials.counts(study.database, study.record.id)
         finished = sum(count for state, count in counts.items() if state != "claimed")
-        nominal = trials.nominal(study.database, study.record.id)
-        compared = nominal.value if nominal is not None and nominal.feasible else None
         best = trials.best(study.database, study.record.id)
-        unit = definition_unit(study.definition)
-        return cls(study.budget, finished, unit, compared, best.value if best else None)
+        return cls(study.budget, finished, definition_unit(study.definition), best.value if best else None)
 
     def __enter__(self) -> Self:
         """Start to show."""
@@ -112,16 +106,14 @@ class StudyProgress:
             self._done_here += 1
             self._remember(end)
             left = (time.perf_counter() - self._began) / self._done_here * max(self._budget - self._finished, 0)
-            note = f"best {self._unit.told(self._best)}, {duration(left)} left"
+            note = f"lowest {self._unit.told(self._lowest)}, {duration(left)} left"
             self._progress.update(self._trials, completed=self._finished, note=note)
             if self._progress.disable:
                 say(f"{self._line(end)}; {self._finished}/{self._budget}, {note}")
 
     def _remember(self, end: "TrialEnd") -> None:
-        if end.number == 0 and end.score.feasible:
-            self._nominal = end.score.value
-        if end.score.feasible and not end.stopped and (self._best is None or end.score.value < self._best):
-            self._best = end.score.value
+        if end.score.feasible and not end.stopped and (self._lowest is None or end.score.value < self._lowest):
+            self._lowest = end.score.value
 
     def _line(self, end: "TrialEnd") -> str:
         from gtf_tune.pipelines.options import option_text
@@ -132,5 +124,5 @@ class StudyProgress:
             return f"{name} ({options}): infeasible, {end.score.message}"
         if end.stopped:
             return f"{name} ({options}): stopped early, {end.stopped}"
-        gain = f" ({percent(end.score.value / self._nominal - 1)})" if self._nominal and end.number else ""
-        return f"{name} ({options}): {self._unit.told(end.score.value)}{gain}"
+        change = f", {end.improvement.text}" if end.improvement.is_known else ""
+        return f"{name} ({options}): {self._unit.told(end.score.value)}{change}"

@@ -3,13 +3,14 @@
 import math
 
 from gtf_tune.definition import RangeAxis
-from gtf_tune.display import UNKNOWN, count, definition_unit, interval, percent, share, significant, value_text
+from gtf_tune.display import UNKNOWN, count, definition_unit, interval, share, significant, value_text
 from gtf_tune.report.dashboard.markdown import inline_code, plain, table
 from gtf_tune.report.panels.failures import run_failures
-from gtf_tune.report.panels.verdict import verdict_headline, verdict_sentences
+from gtf_tune.report.panels.verdict import verdict_sentences
 from gtf_tune.report.points import PointSet, TrialPoint, study_points
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.verdict import study_verdict
+from gtf_tune.report.verdict import verdict_facts
+from gtf_tune.study.outcome.improvement import Improvement
 from gtf_tune.study.scoring.objective import penalty
 
 KEPT_BELOW = "*gtf-tune keeps everything above this line up to date; what you write below it is kept.*"
@@ -19,14 +20,14 @@ _LONGEST_REASON = 300
 
 def study_note(data: StudyData, before: str = "") -> str:
     """Return the note of a study; what a user wrote below the line of the note ``before`` stays."""
-    verdict = study_verdict(data)
-    sentences = [f"- {plain(sentence)}" for sentence in verdict_sentences(data, verdict)]
+    facts = verdict_facts(data)
+    sentences = [f"- {plain(sentence)}" for sentence in verdict_sentences(data, facts)]
     parts = [
-        f"# {plain(verdict_headline(verdict))}",
+        f"# {plain(facts.recommendation.headline)}",
         "\n".join(sentences),
         "## What is tuned",
         f"Pipeline {inline_code(data.definition.pipeline.name)}, {count(len(data.trials), 'trial')} so far.",
-        _option_table(data, {change.option: change.chosen for change in verdict.changes}),
+        _option_table(data, {change.option: change.chosen for change in facts.changes}),
         "## On what",
         _sequence_table(data),
         "## How to read it",
@@ -42,7 +43,7 @@ def trial_note(data: StudyData, number: int) -> str:
     """Return the note of one trial: its score, its options beside nominal, what failed."""
     points = study_points(data)
     point = next(point for point in points.points if point.number == number)
-    parts = [_score_line(point, points), _changes(data, point)]
+    parts = [_score_line(point, points, data.improvement(number)), _changes(data, point)]
     if point.message:
         parts.append(f"**{plain(point.state)}**: {inline_code(point.message[:_LONGEST_REASON])}")
     failures = [one for one in run_failures(data) if number in one.numbers]
@@ -52,16 +53,15 @@ def trial_note(data: StudyData, number: int) -> str:
     return "\n\n".join(parts)
 
 
-def _score_line(point: TrialPoint, points: PointSet) -> str:
+def _score_line(point: TrialPoint, points: PointSet, improvement: Improvement) -> str:
     name = "nominal options" if point.number == 0 else f"trial {point.number}"
     facts = [f"**{name}**"]
     if math.isfinite(point.value):
         facts.append(f"{points.unit.name} **{significant(point.value)}** {points.unit.symbol}")
     if math.isfinite(point.low):
         facts.append(f"95 % interval {interval(point.low, point.high)}")
-    nominal = points.nominal
-    if nominal is not None and nominal.value and point.number and math.isfinite(point.value):
-        facts.append(f"improvement on nominal {percent(1 - point.value / nominal.value)}")
+    if improvement.is_known:
+        facts.append(f"against nominal {improvement.text}")
     if math.isfinite(point.ground_truth):
         facts.append(f"{points.truth_name} {significant(point.ground_truth, 4)}")
     facts.append(f"coverage {share(point.coverage)}")
@@ -90,7 +90,7 @@ def _option_table(data: StudyData, chosen: dict[str, bool | int | float | str]) 
             searched = ", ".join(value_text(value) for value in axis.values)
         cells = [inline_code(value_text(where[option])) if option in where else UNKNOWN for where in (nominal, chosen)]
         rows.append((inline_code(option), plain(searched), *cells))
-    return table(["option", "searched", ">nominal", ">best so far"], rows)
+    return table(["option", "searched", ">nominal", ">recommended"], rows)
 
 
 def _sequence_table(data: StudyData) -> str:

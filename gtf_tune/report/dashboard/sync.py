@@ -16,14 +16,12 @@ from gtf_tune.report.dashboard import attachments, notes
 from gtf_tune.report.dashboard.attachments import Attachment
 from gtf_tune.report.dashboard.place import artifact_folder, artifact_store, turn_to_write
 from gtf_tune.report.dashboard.writer import DashboardWriter
-from gtf_tune.report.panels.verdict import verdict_headline
 from gtf_tune.report.study_data import StudyData, read_search, read_trials, runs_made
-from gtf_tune.report.verdict import study_verdict
 from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.errors import storage_error
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.study.outcome.export import setting_files
+from gtf_tune.study.outcome.export import FILE_NAMES, options_files
 from gtf_tune.study.work.callbacks import Silent, TrialEnd
 from gtf_tune.version import __version__
 
@@ -122,10 +120,14 @@ class DashboardSync(Silent):
         data, writer = read_search(self._database, self._name), self._opened()
         writer.write_headline(_metric_name(data), _facts(data))
         writer.write_study_note(notes.study_note(data, writer.study_note()))
-        for drawing in attachments.key_figures(data):
+        drawings, files = attachments.key_figures(data), _study_files(data)
+        for drawing in drawings:
             writer.write_figure(drawing)
-        for attachment in self._study_files(data):
+        for attachment in files:
             writer.write_study_file(attachment)
+        # What an earlier recommendation had, and this one has not.
+        writer.remove_figures_except({drawing.name for drawing in drawings})
+        writer.remove_study_files(set(FILE_NAMES) - {attachment.name for attachment in files})
 
     def _state(self) -> str:
         """Return a digest of what the note and the figures depend on."""
@@ -166,12 +168,6 @@ class DashboardSync(Silent):
         log = attachments.failure_log((name, runs.log(self._database, key)) for name, key in named)
         return [one for one in (attachments.matrix_table(data, number), *images, log) if one is not None]
 
-    def _study_files(self, data: StudyData) -> list[Attachment]:
-        chosen = {change.option: change.chosen for change in study_verdict(data).changes}
-        exported = setting_files(data.definition, chosen) if chosen else {}
-        files = [Attachment(name, "text/plain", content.encode()) for name, content in exported.items()]
-        return [attachments.trial_table(data), *files]
-
     def _opened(self) -> DashboardWriter:
         if self._writer is None:
             study = optuna.load_study(
@@ -181,7 +177,7 @@ class DashboardSync(Silent):
                 pruner=optuna.pruners.NopPruner(),
             )
             folder = artifact_folder(self._database, self._artifacts)
-            self._writer = DashboardWriter(study, artifact_store(folder))
+            self._writer = DashboardWriter(self._database, study, artifact_store(folder))
         return self._writer
 
     def _guarded(self, work: Callable[[], None]) -> None:
@@ -195,11 +191,19 @@ class DashboardSync(Silent):
                 self._warn(f"optuna-dashboard could not be brought up to date, all else goes on ({said})")
 
 
+def _study_files(data: StudyData) -> list[Attachment]:
+    """Return the table of trials, and the options to use in the forms that users paste, where there are any."""
+    trial = data.recommendation.trial
+    exported = options_files(data.definition, trial.options or {}) if trial else {}
+    files = [Attachment(name, "text/plain", content.encode()) for name, content in exported.items()]
+    return [attachments.trial_table(data), *files]
+
+
 def _facts(data: StudyData) -> dict[str, str]:
     return {
         "pipeline": data.definition.pipeline.name,
         "sequences": ", ".join(one.name for one in data.sequences),
-        "verdict": verdict_headline(study_verdict(data)),
+        "verdict": data.recommendation.headline,
     }
 
 

@@ -4,7 +4,8 @@ import io
 import json
 import uuid
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import optuna
 import optuna_dashboard
 from optuna.artifacts import FileSystemArtifactStore
+from optuna.artifacts.exceptions import ArtifactNotFound
 from optuna.exceptions import ExperimentalWarning
 from optuna.storages import BaseStorage
 
@@ -19,17 +21,21 @@ from gtf_tune.report.dashboard.attachments import Attachment
 from gtf_tune.report.drawing import theme
 from gtf_tune.report.html import figure_id
 from gtf_tune.report.panels.base import Drawing
+from gtf_tune.store.database import Database
+from gtf_tune.store.optuna.tables import forget_attributes
 
 _NAMESPACE = uuid.UUID("9f0c7a52-3d0b-5c1e-8e43-6a1d6f4f2b77")
 _WRITTEN_FOR = "gtf-tune:written-for"
+_FIGURES = "dashboard:plot_data:"
 _MOST_HOVERED = 300
 _DIGITS = 6
 
 
 @dataclass(frozen=True)
 class DashboardWriter:
-    """Write the dashboard's content of one Optuna study; writing the same thing twice changes nothing."""
+    """Writer of the dashboard's content of one Optuna study; writing the same thing twice changes nothing."""
 
+    database: Database
     study: optuna.Study
     artifacts: FileSystemArtifactStore | None = field(repr=False)
 
@@ -83,6 +89,23 @@ class DashboardWriter:
         figure = small(theme.titled(drawing.figure, escape(drawing.title or drawing.name.capitalize())))
         optuna_dashboard.save_plotly_graph_object(self.study, figure, graph_object_id=f"gtf-{figure_id(drawing.name)}")
 
+    def remove_figures_except(self, kept: Collection[str]) -> None:
+        """Remove the figures that were written earlier under other names than these."""
+        known = {f"{_FIGURES}gtf-{figure_id(name)}" for name in kept}
+        attributes = self.storage.get_study_system_attrs(self.study_id)
+        written = [key for key in attributes if key.startswith(f"{_FIGURES}gtf-")]
+        stale = [key for key in written if key.rpartition(":")[0] not in known]
+        forget_attributes(self.database, self.study_id, stale)
+
+    def remove_study_files(self, names: Collection[str]) -> None:
+        """Remove files of the study, by their names, as far as they exist."""
+        identities = [self._identity("study", name) for name in names]
+        if self.artifacts is not None:
+            for identity in identities:
+                with suppress(ArtifactNotFound):
+                    self.artifacts.remove(identity)
+        forget_attributes(self.database, self.study_id, [f"artifacts:{identity}" for identity in identities])
+
     def write_study_file(self, attachment: Attachment) -> None:
         """Replace the file of this name of the study."""
         self._write_file(attachment, "study", "artifacts:")
@@ -99,10 +122,13 @@ class DashboardWriter:
         if self.artifacts is None:
             return
         # The same file always has the same id, so that writing it again replaces it.
-        identity = str(uuid.uuid5(_NAMESPACE, f"{self.study.study_name}/{self.study_id}/{owner}/{attachment.name}"))
+        identity = self._identity(owner, attachment.name)
         self.artifacts.write(identity, io.BytesIO(attachment.content))
         record = {"artifact_id": identity, "filename": attachment.name, "mimetype": attachment.media_type}
         self.storage.set_study_system_attr(self.study_id, prefix + identity, json.dumps({**record, "encoding": None}))
+
+    def _identity(self, owner: str, name: str) -> str:
+        return str(uuid.uuid5(_NAMESPACE, f"{self.study.study_name}/{self.study_id}/{owner}/{name}"))
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from gtf_tune.report.option_axis import OptionAxis, searched_axes
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
 from gtf_tune.report.points import PointSet, TrialPoint, point_sets
 from gtf_tune.report.study_data import StudyData
+from gtf_tune.study.outcome.verdict import ADOPT, KEEP
 
 _MOST_LEVELS = 25
 _LINE_PX = 2.5
@@ -27,12 +28,20 @@ _MOST_FIGURES = 40
 
 
 @dataclass(frozen=True)
+class Star:
+    """The trial that figures mark as the best, and what to call it."""
+
+    number: int
+    name: str
+
+
+@dataclass(frozen=True)
 class OptionCurve:
     """The trials over one option, sorted along its axis.
 
     ``line`` are the points to connect: all of them where only this option is searched, the best at each level where
     there are few levels, otherwise none, because the other options vary between neighbours. ``stopped`` are trials
-    that were pruned with a score, ``outside`` those without any, each with its place.
+    that were pruned with a score, ``outside`` those without any, each with its place. ``star`` is the trial to mark.
     """
 
     axis: OptionAxis
@@ -42,25 +51,29 @@ class OptionCurve:
     stopped: tuple[tuple[float, TrialPoint], ...]
     outside: tuple[tuple[float, TrialPoint], ...]
     is_alone: bool
+    star: Star | None = None
 
     @property
     def nominal(self) -> int | None:
         """Return the index of the nominal trial."""
-        return next((index for index, point in enumerate(self.points) if point.number == 0), None)
+        return self._index(0)
 
     @property
     def best(self) -> int | None:
-        """Return the index of the smallest score."""
-        return _index_of_least([point.value for point in self.points])
+        """Return the index of the trial to mark; None where there is none or it has no score here."""
+        return None if self.star is None else self._index(self.star.number)
 
     @property
     def best_ground_truth(self) -> int | None:
         """Return the index of the smallest error against ground truth."""
         return _index_of_least([point.ground_truth for point in self.points])
 
+    def _index(self, number: int) -> int | None:
+        return next((index for index, point in enumerate(self.points) if point.number == number), None)
 
-def option_curve(points: PointSet, axis: OptionAxis, searched: int) -> OptionCurve:
-    """Return the trials over one option; ``searched`` is how many options the study varies."""
+
+def option_curve(points: PointSet, axis: OptionAxis, searched: int, star: Star | None = None) -> OptionCurve:
+    """Return the trials over one option; ``searched`` is how many options the study varies, ``star`` the best trial."""
     placed = [
         (axis.place(point.options[axis.option]), point) for point in points.points if axis.option in point.options
     ]
@@ -77,7 +90,15 @@ def option_curve(points: PointSet, axis: OptionAxis, searched: int) -> OptionCur
         stopped=tuple((x, point) for x, point in placed if point.state == "pruned" and math.isfinite(point.value)),
         outside=tuple((x, point) for x, point in placed if point.state != "running" and math.isnan(point.value)),
         is_alone=is_alone,
+        star=star,
     )
+
+
+def recommended_star(data: StudyData) -> Star | None:
+    """Return the mark of the trial to use; None where no trial is recommended."""
+    found = data.recommendation
+    name = {ADOPT: "adopted", KEEP: "kept"}.get(found.decision, "best so far")
+    return Star(found.trial.number, name) if found.trial else None
 
 
 def option_figure(curve: OptionCurve, points: PointSet) -> go.Figure:
@@ -97,7 +118,7 @@ def option_figure(curve: OptionCurve, points: PointSet) -> go.Figure:
     canvas.add_scores()
     canvas.add_stopped()
     canvas.add_nominal()
-    canvas.add_minima()
+    canvas.add_stars()
     canvas.add_outside()
     return drawn
 
@@ -190,10 +211,10 @@ class _Canvas:
         marker = {"color": theme.NOMINAL, "size": 11, "line": {"color": "white", "width": 1.5}}
         self._add_trials([(place, point)], _score, name=f"nominal: {self._value_at(index)}", marker=marker)
 
-    def add_minima(self) -> None:
-        least = f"least {self.points.unit.name}"
-        # Above the other and smaller, because often both minima are the same trial.
-        self._add_star(self.curve.best, _score, "y", least, {"color": theme.GTF, "size": 13})
+    def add_stars(self) -> None:
+        # Above the other and smaller, because often both are the same trial.
+        name = self.curve.star.name if self.curve.star else ""
+        self._add_star(self.curve.best, _score, "y", name, {"color": theme.GTF, "size": 13})
         if self.points.has_ground_truth:
             style = {"color": theme.GROUND_TRUTH, "size": 22}
             self._add_star(self.curve.best_ground_truth, _truth, "y2", f"least {self._truth_name}", style)
@@ -284,7 +305,8 @@ def _option_title(data: StudyData, axis: OptionAxis, points: PointSet) -> str:
 
 
 def _draw(data: StudyData, axis: OptionAxis, points: PointSet) -> object:
-    return option_figure(option_curve(points, axis, len(data.definition.space)), points)
+    curve = option_curve(points, axis, len(data.definition.space), recommended_star(data))
+    return option_figure(curve, points)
 
 
 PANEL = Panel(

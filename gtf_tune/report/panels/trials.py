@@ -2,11 +2,12 @@
 
 import math
 
-from gtf_tune.display import duration, interval, percent, share, significant, value_text
+from gtf_tune.display import duration, interval, share, significant, value_text
 from gtf_tune.report.drawing import markup
 from gtf_tune.report.drawing.markup import Html
 from gtf_tune.report.panels.base import Block, Panel, ReportInput
 from gtf_tune.report.points import PointSet, TrialPoint, study_points
+from gtf_tune.report.study_data import StudyData
 
 
 def trials_panel(report: ReportInput) -> list[Block]:
@@ -16,9 +17,9 @@ def trials_panel(report: ReportInput) -> list[Block]:
         return [markup.missing("No trial has begun yet.")]
     ordered = sorted(points.points, key=_rank)
     shown = report.lengths.trial_rows
-    blocks: list[Block] = [_trial_table(points, ordered[:shown], list(report.data.definition.space))]
+    blocks: list[Block] = [_trial_table(points, ordered[:shown], report.data)]
     if len(ordered) > shown:
-        rest = _trial_table(points, ordered[shown:], list(report.data.definition.space))
+        rest = _trial_table(points, ordered[shown:], report.data)
         blocks.append(markup.folded(f"{len(ordered) - shown} more trials", rest))
     return blocks
 
@@ -29,29 +30,36 @@ def _rank(point: TrialPoint) -> tuple[int, float, int]:
     return order.index(point.state), value, point.number
 
 
-def _trial_table(points: PointSet, rows: list[TrialPoint], options: list[str]) -> Html:
-    has_truth = points.has_ground_truth
-    columns = [">trial", "state", f">{points.unit.label}", ">95 % interval", ">improvement"]
-    columns += [*([f">{points.truth_label}"] if has_truth else []), ">coverage", ">collapsed", ">time"]
-    columns += [f">{option.rpartition('.')[2]}" for option in options]
-    return markup.table(columns, [_trial_row(point, points, options, has_truth=has_truth) for point in rows])
+def _trial_table(points: PointSet, rows: list[TrialPoint], data: StudyData) -> Html:
+    columns = [">trial", "state", f">{points.unit.label}", ">95 % interval", ">against nominal", ">95 % interval"]
+    columns += [*([f">{points.truth_label}"] if points.has_ground_truth else []), ">coverage", ">collapsed", ">time"]
+    columns += [f">{option.rpartition('.')[2]}" for option in data.definition.space]
+    return markup.table(columns, [_trial_row(point, points, data) for point in rows])
 
 
-def _trial_row(point: TrialPoint, points: PointSet, options: list[str], *, has_truth: bool) -> list[object]:
-    nominal = points.nominal
-    improvement = 1 - point.value / nominal.value if nominal and nominal.value else math.nan
+def _trial_row(point: TrialPoint, points: PointSet, data: StudyData) -> list[object]:
+    improvement = data.improvement(point.number)
     return [
-        f"{point.number}{' (nominal)' if point.number == 0 else ''}",
+        _trial_name(point.number, data),
         _state_cell(point),
         significant(point.value),
         interval(point.low, point.high),
-        percent(improvement) if point.number else "-",
-        *([significant(point.ground_truth)] if has_truth else []),
+        improvement.change,
+        improvement.bounds,
+        *([significant(point.ground_truth)] if points.has_ground_truth else []),
         share(point.coverage),
         share(point.collapsed),
         duration(point.wall_s),
-        *(value_text(point.options[name]) if name in point.options else "-" for name in options),
+        *(value_text(point.options[name]) if name in point.options else "-" for name in data.definition.space),
     ]
+
+
+def _trial_name(number: int, data: StudyData) -> str:
+    recommended = data.recommendation.trial
+    notes = ["nominal"] if number == 0 else []
+    if recommended is not None and recommended.number == number:
+        notes.append("recommended" if data.recommendation.is_confirmed else "best so far")
+    return f"{number} ({', '.join(notes)})" if notes else str(number)
 
 
 def _state_cell(point: TrialPoint) -> markup.Marked:

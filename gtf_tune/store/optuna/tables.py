@@ -1,21 +1,24 @@
 """Give Optuna a storage on our database; Optuna is imported only when a function here is called."""
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from functools import cache
 from typing import TYPE_CHECKING, TypeVar
+
+from sqlalchemy import column, delete, table
 
 from gtf_tune.errors import StorageError
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.engine import shared_arguments
 from gtf_tune.store.database.schema import optuna_url
-from gtf_tune.store.database.session import patiently
+from gtf_tune.store.database.session import patiently, write
 
 if TYPE_CHECKING:
     from optuna.storages import RDBStorage
 
 Result = TypeVar("Result")
+_ATTRIBUTES = table("study_system_attributes", column("study_id"), column("key"))
 
 
 def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: int | None = None) -> "RDBStorage":
@@ -89,6 +92,13 @@ def with_optuna(database: Database, work: Callable[[], Result]) -> Result:
             raise error.__cause__ or error from error
 
     return patiently(database, attempt)
+
+
+def forget_attributes(database: Database, optuna_study_id: int, keys: Collection[str]) -> None:
+    """Remove system attributes of an Optuna study, for which Optuna itself has no call."""
+    doomed = delete(_ATTRIBUTES).where(_ATTRIBUTES.c.study_id == optuna_study_id, _ATTRIBUTES.c.key.in_(keys))
+    if keys:
+        write(database, lambda session: session.execute(doomed).close())
 
 
 def delete_optuna_study(database: Database, optuna_study_id: int) -> None:

@@ -1,1 +1,1 @@
-"""What a study found: confirmation, verdict, recommendation, export."""
+"""The outcome of a study: confirmation, verdict, recommendation, export."""

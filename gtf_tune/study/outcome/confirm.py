@@ -1,12 +1,12 @@
-"""Measure a study's best settings again, with noise that the search never saw, and say which to adopt.
+"""Measure the best configurations of a study again under noise that the search never saw, and judge them.
 
 The best of many trials looks better than it is: it was chosen for its luck too. Here nominal and the top candidates run
-on fresh noise and fresh seeds, on the searched sequences and on those held out, and are compared noise instance by
+on fresh noise with fresh seeds, on the searched sequences and on those held out, and are compared noise instance by
 noise instance.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gtf_tune.errors import DefinitionError
@@ -15,13 +15,13 @@ from gtf_tune.pipelines import OptionValue
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import confirmations, studies, trials
-from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.noise.ladder import with_noise
 from gtf_tune.study.open_study import OpenStudy, check_fingerprint, folder_of, load_defined_sequence
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
 from gtf_tune.study.outcome.recommendation import without_feasible_trial
+from gtf_tune.study.outcome.verdict import Verdict
 from gtf_tune.study.runs.plan import RunPlanner, run_order
 from gtf_tune.study.runs.run_source import RunSlot, RunSource
 from gtf_tune.study.runs.seeds import SeedSource
@@ -29,17 +29,17 @@ from gtf_tune.study.scoring.objective import settings_of
 
 DEFAULT_TOP = 3
 DEFAULT_RUNS = 16
-"""Noisy runs of each setting and sequence; benchmarks/confirmation_power.py shows what they can tell apart."""
+"""Noisy runs of each configuration and sequence; benchmarks/confirmation_power.py shows what they can tell apart."""
 
 _FEWEST_RUNS = 4
 
 
 @dataclass(frozen=True)
 class ConfirmationPlan:
-    """Say what is confirmed: the settings, the sequences by name, how many noisy runs, and which seeds.
+    """What is confirmed: which trials, on which sequences by name, with how many noisy runs each, and which seeds.
 
-    ``round`` counts the confirmations of the study from 1. Each has noise of its own; one that was interrupted goes on
-    with the same.
+    ``round`` counts the confirmations of the study from 1. Each has noise of its own; an interrupted one continues with
+    the same.
     """
 
     nominal: Trial
@@ -50,22 +50,22 @@ class ConfirmationPlan:
 
     @property
     def purpose(self) -> str:
-        """Return what its seeds are derived from."""
+        """Return the text that its seeds are derived from."""
         return f"confirm:{self.round}"
 
 
 def plan_confirmation(
     study: OpenStudy, places: Mapping[str, Path], *, top: int = DEFAULT_TOP, noisy_runs: int = DEFAULT_RUNS
 ) -> ConfirmationPlan:
-    """Return what a confirmation of the study as it stands consists of.
+    """Return the plan of a confirmation of the study as it stands.
 
-    Candidates are the complete feasible trials with values below nominal's, the best ``top`` with different options.
-    ``places`` gives the folders of sequences that lie elsewhere here.
+    Candidates are the complete feasible trials with values below nominal's: the best ``top`` with different options.
+    ``places`` gives the folders of sequences that lie elsewhere on this machine.
 
     Raises
     ------
     DefinitionError
-        There are too few noisy runs to tell anything, no nominal trial is complete, or no trial is feasible.
+        There are too few noisy runs for a verdict, no nominal trial is complete, or no trial is feasible.
     """
     if noisy_runs < _FEWEST_RUNS:
         raise DefinitionError(
@@ -77,20 +77,20 @@ def plan_confirmation(
     if nominal is None:
         raise DefinitionError(f"study '{name}' has no complete nominal trial; run it with: gtf-tune study run {name}")
     if not any(one.feasible for one in known):
-        raise DefinitionError(without_feasible_trial(database, name))
+        raise DefinitionError(without_feasible_trial(database, study.record))
     earlier = confirmations.of_study(database, study.record.id)
     return ConfirmationPlan(
         nominal, _candidates(known, nominal, top), _all_sequences(study, places), noisy_runs, len(earlier) + 1
     )
 
 
-def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Confirmation:
-    """Run a plan, judge the candidates, store the outcome and return it.
+def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Verdict:
+    """Run a plan, judge the candidates, store the verdict and return it.
 
     Raises
     ------
     Interrupted
-        Someone asked to stop; finished runs are stored, and the next call goes on with them.
+        Someone asked to stop; finished runs are stored, and the next call continues with them.
     """
     study = with_noise(study, plan.sequences, source)
     keys: list[str] = []
@@ -101,17 +101,17 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Conf
         keys += used
     holdouts = frozenset(plan.sequences) - frozenset(study.sequences)
     findings = Findings(measured[0] if measured else None, tuple(measured[1:]), holdouts)
-    result = judge(findings, study.definition.gtf)
+    verdict = replace(judge(findings, study.definition.gtf), noisy_runs=plan.noisy_runs)
     definition = {
-        "ordinals": [plan.nominal.number, *(one.number for one in plan.candidates)],
+        "ordinals": [plan.nominal.number, *(trial.number for trial in plan.candidates)],
         "sequences": list(plan.sequences),
         "clean_runs": study.definition.gtf.clean_runs,
         "noisy_runs": plan.noisy_runs,
         "purpose": plan.purpose,
         "run_keys": keys,
     }
-    outcome = {**result, "runs": plan.noisy_runs}
-    return confirmations.add(study.database, study.record.id, definition, outcome, result["verdict"])
+    confirmations.add(study.database, study.record.id, definition, verdict.as_json(), verdict.word)
+    return verdict
 
 
 def _candidates(known: list[Trial], nominal: Trial, top: int) -> tuple[Trial, ...]:
@@ -140,7 +140,7 @@ def _all_sequences(study: OpenStudy, places: Mapping[str, Path]) -> dict[str, Se
 def _measure(
     study: OpenStudy, plan: ConfirmationPlan, options: Mapping[str, OptionValue], source: RunSource
 ) -> tuple[dict[str, GtfScore], list[str]]:
-    """Return the score of one setting on every sequence, and the keys of its runs."""
+    """Return the score of one configuration on every sequence, and the keys of its runs."""
     requests = _requests(study, plan, options)
     obtained = source.obtain(requests)
     found = trajectories(study.database, [one.run.key for one in obtained.values()])
@@ -159,7 +159,7 @@ def _requests(
     study: OpenStudy, plan: ConfirmationPlan, options: Mapping[str, OptionValue]
 ) -> dict[RunSlot, RunRequest]:
     definition = study.definition
-    # Settings are compared under the same noise, even where the search drew it anew for every trial.
+    # Configurations are compared under the same noise, even where the search drew it anew for every trial.
     gtf = definition.gtf.model_copy(update={"common_noise": True})
     seeds = SeedSource(definition.search.seed, purpose=plan.purpose)
     planner = RunPlanner(study.pipeline, gtf, seeds, definition.pipeline.options)

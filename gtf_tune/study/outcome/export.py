@@ -1,4 +1,4 @@
-"""Write a setting in the forms that people paste back into their tools."""
+"""Write options in the forms that people paste back into their tools."""
 
 import csv
 import io
@@ -16,6 +16,9 @@ _COLMAP_FORMATS = ("colmap-ini", "colmap-cli")
 _OTHER_FORMATS = ("json", "csv", "tum")
 FORMATS = (*_COLMAP_FORMATS, *_OTHER_FORMATS)
 _FILES = MappingProxyType({"options.json": "json", "project.ini": "colmap-ini", "colmap-flags.txt": "colmap-cli"})
+FILE_NAMES = tuple(_FILES)
+"""Names of all files that `options_files` may return."""
+
 _WHEN = MappingProxyType({"view_graph_calibrator": "  # only where the intrinsics are unknown"})
 _NO_SETTINGS: Mapping[str, object] = MappingProxyType({})
 _COLMAP_PIPELINES = ("glomap", "colmap", "colmap-hierarchical")
@@ -30,7 +33,7 @@ def formats_of(pipeline: str) -> tuple[str, ...]:
 
 
 def colmap_ini(pipeline: str, options: Mapping[str, OptionValue], settings: Mapping[str, object] = _NO_SETTINGS) -> str:
-    """Return a COLMAP project file but for its paths; what COLMAP's command line lacks follows as comments."""
+    """Return a COLMAP project file without paths; options that COLMAP's command line lacks follow as comments."""
     _require_colmap(pipeline)
     sections: dict[str, list[str]] = {}
     for flag, value in _flags(pipeline, options, settings):
@@ -44,7 +47,7 @@ def colmap_ini(pipeline: str, options: Mapping[str, OptionValue], settings: Mapp
 def colmap_flags(
     pipeline: str, options: Mapping[str, OptionValue], settings: Mapping[str, object] = _NO_SETTINGS
 ) -> str:
-    """Return the COLMAP commands in running order with their flags; what these lack follows as comments."""
+    """Return the COLMAP commands in running order with their flags; options without a flag follow as comments."""
     _require_colmap(pipeline)
     pairing = str(settings.get("pairing", "exhaustive"))
     commands: dict[str, list[str]] = {name: [] for name in commands_of(pipeline, pairing)}
@@ -69,7 +72,7 @@ def option_json(options: Mapping[str, OptionValue]) -> str:
 
 
 def table_csv(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return a table as CSV; absent values are empty, others as they are typed."""
+    """Return a table as CSV; missing values are empty, others as they are typed."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
     writer.writerow(columns)
@@ -85,7 +88,7 @@ def without_flag(pipeline: str, options: Mapping[str, OptionValue]) -> list[str]
 def _flags(
     pipeline: str, options: Mapping[str, OptionValue], settings: Mapping[str, object]
 ) -> Iterator[tuple[str, str]]:
-    """Yield COLMAP's names and values of a setting, after those that make it see the images as the pipeline does."""
+    """Yield COLMAP's names and values of options, after those that make it read the images as the pipeline does."""
     yield "ImageReader.single_camera", "1"
     if settings.get("camera_model"):
         yield "ImageReader.camera_model", str(settings["camera_model"])
@@ -110,8 +113,8 @@ def _text(value: OptionValue) -> str:
     return repr(value) if isinstance(value, float) else str(value)
 
 
-def setting_text(format_: str, definition: StudyDefinition, searched: Mapping[str, OptionValue]) -> str:
-    """Return a setting, fixed options included, in the format ``colmap-ini``, ``colmap-cli`` or ``json``.
+def options_text(format_: str, definition: StudyDefinition, searched: Mapping[str, OptionValue]) -> str:
+    """Return the options of a trial, fixed ones included, in the format ``colmap-ini``, ``colmap-cli`` or ``json``.
 
     Raises
     ------
@@ -127,7 +130,7 @@ def setting_text(format_: str, definition: StudyDefinition, searched: Mapping[st
     return option_json(options)
 
 
-def setting_files(definition: StudyDefinition, searched: Mapping[str, OptionValue]) -> dict[str, str]:
-    """Return a setting in every form that its pipeline's users paste, content by file name."""
+def options_files(definition: StudyDefinition, searched: Mapping[str, OptionValue]) -> dict[str, str]:
+    """Return the options of a trial in every form that its pipeline's users paste, content by file name."""
     known = formats_of(definition.pipeline.name)
-    return {name: setting_text(one, definition, searched) for name, one in _FILES.items() if one in known}
+    return {name: options_text(format_, definition, searched) for name, format_ in _FILES.items() if format_ in known}

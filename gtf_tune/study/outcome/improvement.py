@@ -1,29 +1,31 @@
-"""Read a study's outcome: nominal, best, and what choosing the best is worth."""
+"""How much better one trial is than nominal: one number with its interval, stored when the trial ends."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
-from gtf_tune.errors import TrajectoryError
+from gtf_tune.display import UNKNOWN, count, percent
 from gtf_tune.store import trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.outcome.student import upper_95
 
-if TYPE_CHECKING:
-    from gtf_tune.trajectory import FloatArray
-
-_LARGEST_LOG = 700.0
+_STORED_AS = "improvement"
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """Hold how much smaller the best score is than nominal's: a fraction, positive where the best trial is better.
+    """How much smaller the errors of a trial are than those of nominal, paired by noise instance.
 
-    ``low`` and ``high`` bound it with 95 % confidence, paired by noise instance; NaN with fewer than two instances that
-    worked under both. The interval knows nothing of the search having picked the best of many, so it is optimistic
-    until confirmed.
+    Attributes
+    ----------
+    value
+        Fraction of nominal's error, positive where the trial is better; NaN where the two cannot be compared.
+    low, high
+        Its 95 % confidence interval, NaN with fewer than two noise instances that worked under both. For a trial of the
+        search it is optimistic: it does not account for the trial having been picked as the best of many.
+    instances
+        Noise instances that were compared, over all sequences.
     """
 
     value: float
@@ -31,87 +33,79 @@ class Improvement:
     high: float
     instances: int
 
-
-@dataclass(frozen=True)
-class Pick:
-    """Hold the nominal and the best trial of a study, absent as long as there is none."""
-
-    nominal: Trial | None
-    best: Trial | None
-    improvement: Improvement | None
+    @property
+    def is_known(self) -> bool:
+        """Whether the trial could be compared with nominal."""
+        return math.isfinite(self.value)
 
     @property
-    def is_nominal(self) -> bool:
-        """Tell whether nothing beats the nominal setting; a trial that repeats its options does not."""
-        if self.best is None or self.nominal is None:
-            return False
-        return self.best.number == 0 or self.best.options == self.nominal.options
+    def is_certain(self) -> bool:
+        """Whether the whole interval lies on the better side."""
+        return self.low > 0
+
+    @property
+    def change(self) -> str:
+        """The signed change of the error in per cent, negative where the trial is better: ``-27.1 %``."""
+        return percent(-self.value)
+
+    @property
+    def bounds(self) -> str:
+        """The 95 % interval of the change: ``-33.0 % to -20.2 %``."""
+        return f"{percent(-self.high)} to {percent(-self.low)}" if math.isfinite(self.low) else UNKNOWN
+
+    @property
+    def text(self) -> str:
+        """The change with its interval and what it is based on."""
+        if not self.is_known:
+            return UNKNOWN
+        if not math.isfinite(self.low):
+            return f"{self.change} ({count(self.instances, 'noisy run')}: no interval)"
+        return f"{self.change} (95 % interval {self.bounds}, {count(self.instances, 'noisy run')})"
+
+    def as_json(self) -> dict[str, float | int | None]:
+        """Return the form in which a trial stores it."""
+        return {**{name: known(getattr(self, name)) for name in ("value", "low", "high")}, "instances": self.instances}
+
+    @classmethod
+    def from_json(cls, stored: Mapping[str, Any]) -> Self:
+        """Return the improvement that `as_json` wrote."""
+        value, low, high = (nan_if_none(stored.get(name)) for name in ("value", "low", "high"))
+        return cls(value, low, high, int(stored.get("instances") or 0))
 
 
 UNKNOWN_IMPROVEMENT = Improvement(math.nan, math.nan, math.nan, 0)
 
 
-def pick(database: Database, study_id: int) -> Pick:
-    """Return the pick of a study as it stands: the feasible trial of the smallest value."""
-    nominal = trials.nominal(database, study_id)
-    best = trials.best(database, study_id)
-    if nominal is not None and nominal.value is None:
-        nominal = None
-    if nominal is None or best is None or not nominal.feasible:
-        return Pick(nominal, best, None)
-    details = trials.details(database, [nominal.id, best.id])
-    return Pick(nominal, best, improvement(details[nominal.id], details[best.id]))
+def read_improvements(database: Database, study_id: int, chosen: Iterable[Trial]) -> dict[int, Improvement]:
+    """Return the improvements of some trials of a study by number; infeasible ones and nominal are left out."""
+    comparable = [one for one in chosen if one.feasible and one.number]
+    nominal = trials.nominal(database, study_id) if comparable else None
+    if nominal is None or not nominal.feasible:
+        return {}
+    details = trials.details(database, [one.id for one in comparable])
+    if any(_STORED_AS not in detail for detail in details.values()):
+        details |= trials.details(database, [nominal.id])
+    return {one.number: improvement_of(details[one.id], details.get(nominal.id, {})) for one in comparable}
 
 
-def improvement(nominal: Mapping[str, Any], best: Mapping[str, Any]) -> Improvement:
-    """Return the improvement from what is stored of two trials in detail: their matrices by sequence.
+def improvement_of(detail: Mapping[str, Any], nominal: Mapping[str, Any]) -> Improvement:
+    """Return the improvement that is stored with a trial.
 
-    Errors of pairs share their clean and their noisy images, so they are compared pair by pair, as a confirmation does
-    (`compared_table`): the interval counts clean and noisy runs, and an instance that fell apart under one of the
-    settings is left out. ``instances`` counts those of all sequences.
+    A trial that an earlier version stored lacks it. Then it is computed from the matrices of the trial and of nominal,
+    which takes a second for the imports.
     """
-    from gtf_tune.gtf.random_effects import compared_table, mean_difference  # here: most readers need no numpy
+    if _STORED_AS in detail:
+        return Improvement.from_json(detail[_STORED_AS])
+    from gtf_tune.study.outcome.pairing import paired_improvement, stored_matrices
 
-    tables = [_matrices(one) for one in (nominal, best)]
-    if not all(tables) or len(tables[0]) != len(tables[1]):
-        return UNKNOWN_IMPROVEMENT
-    try:
-        compared = [compared_table(first, second)[0] for first, second in zip(*tables, strict=True)]
-    except TrajectoryError:
-        return _without_interval(*tables)
-    centre, spread = mean_difference(compared)
-    half = upper_95(max(int(spread.freedom), 1)) * math.sqrt(spread.variance)
-    low, high = (1 - math.exp(min(centre + side * half, _LARGEST_LOG)) for side in (1, -1))
-    return Improvement(1 - math.exp(centre), low, high, sum(table.shape[1] for table in compared))
+    return paired_improvement(stored_matrices(nominal), stored_matrices(detail))
 
 
-def _without_interval(nominal: "Sequence[FloatArray]", best: "Sequence[FloatArray]") -> Improvement:
-    """Return the improvement over the first noisy runs where there are too few of them for more."""
-    import numpy as np
-
-    with np.errstate(divide="ignore", invalid="ignore"):
-        logs = [np.log(b[:, :1]) - np.log(a[:, :1]) for a, b in zip(nominal, best, strict=True) if a.shape == b.shape]
-    means = [float(one.mean()) for one in logs]
-    if len(means) < len(nominal) or not all(map(math.isfinite, means)):
-        return UNKNOWN_IMPROVEMENT
-    return Improvement(1 - math.exp(sum(means) / len(means)), math.nan, math.nan, 1)
+def known(value: float) -> float | None:
+    """Return a number as JSON has it, None for NaN and infinity."""
+    return value if math.isfinite(value) else None
 
 
-def _matrices(detail: Mapping[str, Any]) -> "list[FloatArray]":
-    """Return the (k, k_delta) errors of a trial on each sequence; nothing where it has none on one of them."""
-    import numpy as np
-
-    stored = [one.get("matrix") for one in detail.get("sequences", {}).values()]
-    if not stored or not all(stored):
-        return []
-    return [np.array(one, dtype=np.float64) for one in stored]  # None becomes NaN
-
-
-def rank_correlation(pairs: Sequence[tuple[float, float]]) -> float:
-    """Return Spearman's rank correlation of pairs; NaN for fewer than three."""
-    if len(pairs) < 3:
-        return math.nan
-    from scipy import stats  # takes a second to import
-
-    first, second = zip(*pairs, strict=True)
-    return float(stats.spearmanr(first, second).statistic)
+def nan_if_none(stored: float | None) -> float:
+    """Return a stored number, NaN for None."""
+    return math.nan if stored is None else float(stored)

@@ -1,18 +1,20 @@
-"""Judge candidates by runs that the search never saw: adopt one, or keep nominal.
+"""Judge candidates by runs that the search never saw: adopt one of them, or keep nominal.
 
-A candidate is adopted only if all of this holds: it is better over the searched sequences, significantly so after
-correction for the number of candidates (Holm), and by 2 % at the least; no sequence, held out or not, is significantly
-worse; no more runs than under nominal miss the coverage floor; no more pairs of runs share less than half of their
-frames; no more noisy runs collapse, by one limit for both (`common_collapses`). Where nominal itself does not work
-there is nothing to compare with, and no verdict. Of several such candidates the one is adopted whose improvement is
-surest: its 95 % interval begins highest. A larger improvement with a wide interval is more often luck, and runs that
-scatter more are what nobody wants.
+A candidate may be adopted only if all of this holds:
+
+- over the searched sequences it is better by at least 2 %, significantly so after correction for the number of
+  candidates (Holm);
+- on no sequence, held out or not, is it significantly worse;
+- no more of its runs than of nominal's miss the coverage floor, no more pairs of runs share less than half of their
+  frames, and no more noisy runs collapse, by one limit for both (`common_collapses`).
+
+Of several such candidates the one is adopted whose 95 % interval begins highest: a larger improvement with a wide
+interval is more often luck. Where nominal itself does not work there is nothing to compare with, and no verdict.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -21,18 +23,28 @@ from gtf_tune.errors import TrajectoryError
 from gtf_tune.gtf import GtfScore, PairedDifference, common_collapses, difference_over_sequences, holm
 from gtf_tune.gtf.random_effects import FEWEST_INSTANCES
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.study.outcome.verdicts import ADOPT, KEEP, NO_VERDICT
+from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement
+from gtf_tune.study.outcome.verdict import (
+    ADOPT,
+    KEEP,
+    NO_VERDICT,
+    Candidate,
+    MeasuredNominal,
+    SequenceComparison,
+    SequenceFacts,
+    Verdict,
+)
 from gtf_tune.study.scoring.coverage import LEAST_COMMON, CoverageFloor, below, coverage_floor
 
 SIGNIFICANCE = 0.05
 
 LEAST_IMPROVEMENT = 0.02
-"""Share of the nominal error below which a change of settings is not worth it, however certain."""
+"""Share of the nominal error below which an improvement is not worth a change, however certain it is."""
 
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """Hold one setting with its fresh score on each sequence."""
+    """One configuration with its fresh score on each sequence."""
 
     number: int
     options: Mapping[str, OptionValue]
@@ -41,9 +53,9 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class Findings:
-    """Hold what a confirmation measured; ``nominal`` is None where there was no candidate to measure.
+    """What a confirmation measured; ``nominal`` is None where there was no candidate to measure.
 
-    ``holdouts`` are the sequences that the search did not see: they can prevent an adoption, not earn it.
+    ``holdouts`` are the sequences that the search did not see: they can prevent an adoption, not bring one about.
     """
 
     nominal: Measured | None
@@ -53,9 +65,9 @@ class Findings:
 
 @dataclass(frozen=True)
 class _Compared:
-    """Hold one candidate beside nominal: over the searched sequences together, and on each sequence.
+    """One candidate beside nominal: over the searched sequences together, and on each sequence.
 
-    A difference is None where it cannot be told; ``faults`` say what speaks against the candidate.
+    A difference is None where nothing can be compared; ``faults`` speak against the candidate.
     """
 
     candidate: Measured
@@ -64,34 +76,34 @@ class _Compared:
     faults: tuple[str, ...]
 
 
-def judge(findings: Findings, gtf: GtfDefinition) -> dict[str, Any]:
-    """Return the verdict with each candidate's improvement, its interval, and the reasons, as stored and printed."""
+def judge(findings: Findings, gtf: GtfDefinition) -> Verdict:
+    """Return the verdict, with each candidate's improvement, its interval, and what speaks against adopting it."""
     nominal = findings.nominal
     if nominal is None:
-        return {"verdict": KEEP, "adopted": None, "candidates": [], "nominal": None}
+        return Verdict(KEEP, None, (), None)
     compared = [_compare(nominal, one, findings.holdouts, gtf) for one in findings.candidates]
     adjusted = holm([1.0 if one.together is None else one.together.p_value for one in compared])
-    rows = [_row(one, float(p), nominal, findings.holdouts) for one, p in zip(compared, adjusted, strict=True)]
-    adopted = max((row for row in rows if row["verdict"] == ADOPT), key=lambda row: row["low"], default=None)
-    return {
-        "verdict": ADOPT if adopted else NO_VERDICT if _fails(nominal, findings.holdouts) else KEEP,
-        "adopted": adopted["ordinal"] if adopted else None,
-        "candidates": rows,
-        "nominal": {
-            "ordinal": nominal.number,
-            "options": dict(nominal.options),
-            "by_sequence": {name: _facts(score) for name, score in nominal.scores.items()},
-        },
-    }
+    candidates = tuple(
+        _candidate(one, float(p_value), nominal, findings.holdouts)
+        for one, p_value in zip(compared, adjusted, strict=True)
+    )
+    adopted = max((one for one in candidates if one.passes), key=lambda one: one.improvement.low, default=None)
+    facts = {name: _facts(score) for name, score in nominal.scores.items()}
+    return Verdict(
+        word=ADOPT if adopted else NO_VERDICT if _fails(nominal, findings.holdouts) else KEEP,
+        adopted=adopted.number if adopted else None,
+        candidates=candidates,
+        nominal=MeasuredNominal(nominal.number, dict(nominal.options), facts),
+    )
 
 
 def _fails(measured: Measured, holdouts: frozenset[str]) -> bool:
-    """Tell whether a setting works under too few noise instances on one of the searched sequences."""
+    """Whether a configuration works under too few noise instances on one of the searched sequences."""
     return any(count < FEWEST_INSTANCES for name, count in _working(measured).items() if name not in holdouts)
 
 
 def _working(measured: Measured) -> dict[str, int]:
-    """Return under how many noise instances a setting has an error, by sequence."""
+    """Return the number of noise instances under which a configuration has an error, by sequence."""
     return {name: int((~np.isnan(score.matrix)).any(axis=0).sum()) for name, score in measured.scores.items()}
 
 
@@ -137,7 +149,7 @@ def _faults(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinitio
 
 
 def _lost_frames(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinition) -> list[str]:
-    """Return what is wrong where more runs of the candidate than of nominal miss the floor that nominal sets."""
+    """Return the worst run where more runs of the candidate than of nominal miss the floor that nominal sets."""
     clean, noisy = nominal.coverage_clean.tolist(), nominal.coverage_noisy.tolist()
     floor = coverage_floor(clean, noisy, gtf.coverage_floor)
     missing = [_missing(one, floor) for one in (nominal, candidate)]
@@ -157,7 +169,28 @@ def _missing(score: GtfScore, floor: CoverageFloor) -> list[tuple[float, float, 
     return [(wanted - coverage, coverage, wanted) for coverage, wanted in runs]
 
 
-def _row(one: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> dict[str, Any]:
+def _candidate(one: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> Candidate:
+    reasons = _reasons(one, adjusted, nominal, holdouts)
+    return Candidate(
+        number=one.candidate.number,
+        options=dict(one.candidate.options),
+        value=_value(one),
+        improvement=_improvement(one.together),
+        p_value=_p_value(one.together),
+        adjusted_p_value=adjusted,
+        passes=not reasons,
+        reasons=tuple(reasons),
+        by_sequence={
+            name: SequenceComparison(
+                _facts(one.candidate.scores[name]), _improvement(found), _p_value(found), name in holdouts
+            )
+            for name, found in one.by_sequence.items()
+        },
+    )
+
+
+def _reasons(one: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> list[str]:
+    """Return all that speaks against a candidate."""
     reasons = list(one.faults)
     if one.together is None and _fails(nominal, holdouts):
         name, count = min(_working(nominal).items(), key=lambda item: (item[0] in holdouts, item[1]))
@@ -169,48 +202,27 @@ def _row(one: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset
         reasons.append("not significantly better than nominal")
     elif one.together.ratio > 1 - LEAST_IMPROVEMENT:
         reasons.append(f"better by less than {LEAST_IMPROVEMENT:.0%}, which is not worth a change")
-    return {
-        "ordinal": one.candidate.number,
-        "options": dict(one.candidate.options),
-        **_improvement(one.together),
-        "adjusted_p_value": adjusted,
-        "verdict": KEEP if reasons else ADOPT,
-        "reasons": reasons,
-        "by_sequence": {
-            name: {**_facts(score), **_improvement(one.by_sequence[name]), "holdout": name in holdouts}
-            for name, score in one.candidate.scores.items()
-        },
-        "value": _relative(one, nominal),
-    }
+    return reasons
 
 
-def _relative(one: _Compared, nominal: Measured) -> float | None:
+def _value(one: _Compared) -> float:
     """Return the candidate's score: of the only sequence, or over sequences relative to nominal."""
-    scores = one.candidate.scores
-    if len(nominal.scores) == 1:
-        return _known(next(iter(scores.values())).value)
-    return _known(one.together.ratio) if one.together else None
+    scores = list(one.candidate.scores.values())
+    if len(scores) == 1:
+        return scores[0].value
+    return one.together.ratio if one.together else math.nan
 
 
-def _improvement(found: PairedDifference | None) -> dict[str, float | int | None]:
+def _improvement(found: PairedDifference | None) -> Improvement:
     if found is None:
-        return {"improvement": None, "low": None, "high": None, "p_value": None, "instances": 0}
-    return {
-        "improvement": 1 - found.ratio,
-        "low": 1 - found.high,
-        "high": 1 - found.low,
-        "p_value": found.p_value,
-        "instances": found.n,
-    }
+        return UNKNOWN_IMPROVEMENT
+    return Improvement(1 - found.ratio, 1 - found.high, 1 - found.low, found.n)
 
 
-def _facts(score: GtfScore) -> dict[str, Any]:
-    return {"value": _known(score.value), "coverage": _least_coverage(score), "collapsed": int(score.collapsed.sum())}
+def _p_value(found: PairedDifference | None) -> float:
+    return math.nan if found is None else found.p_value
 
 
-def _least_coverage(score: GtfScore) -> float:
-    return float(min(score.coverage_clean.min(), score.coverage_noisy.min()))
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _facts(score: GtfScore) -> SequenceFacts:
+    coverage = float(min(score.coverage_clean.min(), score.coverage_noisy.min()))
+    return SequenceFacts(score.value, coverage, int(score.collapsed.sum()))

@@ -1,71 +1,337 @@
-"""Say which setting of a study to use, as far as its confirmation allows."""
+"""Decide which trial of a study to use, and say so: the one place that does.
+
+`study best`, `show`, `list`, `export`, `confirm`, the HTML report and the dashboard print what stands here.
+"""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final, Literal
 
+from gtf_tune.display import count, definition_unit
 from gtf_tune.errors import StorageError
-from gtf_tune.store import confirmations, studies, trials
+from gtf_tune.store import confirmations, trials
 from gtf_tune.store.database import Database
+from gtf_tune.store.studies import Study, stored_definition
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.outcome.verdicts import ADOPT, KEEP, compared
+from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement, read_improvements
+from gtf_tune.study.outcome.verdict import ADOPT, KEEP, NO_VERDICT, Verdict, verdict_of
 
-UNCONFIRMED = "unconfirmed"
+Decision = Literal["adopt", "keep nominal", "neither", "unconfirmed", "nothing better", "nothing feasible"]
+
+NEITHER: Final = "neither"
+UNCONFIRMED: Final = "unconfirmed"
+NOTHING_BETTER: Final = "nothing better"
+NOTHING_FEASIBLE: Final = "nothing feasible"
+
+Step = Literal["confirm", "export", "extend", "new study", "wait"]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What is known of a study when a trial is to be chosen.
+
+    Attributes
+    ----------
+    score
+        Name of the score, such as ``GTF ATE``.
+    nominal, best
+        Trial 0, and the feasible complete trial of the smallest score, as far as they exist.
+    adopted
+        The trial that the last confirmation adopted.
+    confirmation
+        The verdict of the last confirmation.
+    num_trials, num_feasible
+        How many trials there are, and how many of them are complete and feasible.
+    """
+
+    score: str
+    nominal: Trial | None
+    best: Trial | None
+    adopted: Trial | None = None
+    confirmation: Verdict | None = None
+    num_trials: int = 0
+    num_feasible: int = 0
+
+    @property
+    def has_nominal(self) -> bool:
+        """Whether trial 0 is complete and feasible."""
+        return self.nominal is not None and self.nominal.value is not None and bool(self.nominal.feasible)
+
+    @property
+    def repeats_nominal(self) -> bool:
+        """Whether no trial beats nominal; one with nominal's options, under noise of its own, does not."""
+        return (
+            self.has_nominal
+            and self.nominal is not None
+            and self.best is not None
+            and (self.best.number == 0 or self.best.options == self.nominal.options)
+        )
+
+    @property
+    def newer(self) -> Trial | None:
+        """The best trial of the search where it beats nominal and the last confirmation did not measure it."""
+        if self.confirmation is None or self.best is None or self.repeats_nominal:
+            return None
+        return None if self.confirmation.compared(self.best.options) else self.best
 
 
 @dataclass(frozen=True)
 class Recommendation:
-    """Hold the trial to use and the verdict behind it: *adopt*, *keep nominal* or *unconfirmed*.
+    """Which trial of a study to use, why, and what to do next.
 
-    ``confirmation`` is the result of the last confirmation, also of one that came to no verdict; empty where there is
-    none, or where the options of the best trial of today were not among those that it compared. ``turned_down`` says
-    that the confirmation speaks for a nominal setting that failed in the search, so that there is nothing to recommend.
+    Attributes
+    ----------
+    decision
+        ``adopt`` and ``keep nominal`` come from the last confirmation and stand until the next one. ``neither``: the
+        confirmation adopted nothing, and nominal does not work either. ``unconfirmed``: the best trial of the search,
+        not confirmed yet. ``nothing better``: no trial of the search beats nominal. ``nothing feasible``: no trial may
+        be used.
+    trial
+        The trial to use, "the best" wherever one is shown; None for ``neither`` and ``nothing feasible``.
+    improvement
+        Of that trial on nominal: on fresh noise where it was confirmed, else in the search.
+    evidence
+        What the decision rests on.
     """
 
-    trial: Trial
-    verdict: str
-    confirmation: Mapping[str, Any]
-    turned_down: bool = False
+    decision: Decision
+    trial: Trial | None
+    improvement: Improvement
+    evidence: Evidence
 
     @property
-    def candidate(self) -> Mapping[str, Any]:
-        """Return what the confirmation found about the adopted setting, else about the most promising one."""
-        found = list(self.confirmation.get("candidates") or ())
-        adopted = [one for one in found if one["ordinal"] == self.confirmation.get("adopted")]
-        return max(adopted or found, key=lambda one: one["improvement"] or float("-inf"), default={})
+    def is_confirmed(self) -> bool:
+        """Whether fresh noise speaks for the trial to use."""
+        return self.decision in (ADOPT, KEEP)
+
+    @property
+    def beside_nominal(self) -> Trial | None:
+        """The trial to look at beside nominal: the one to use, else the best of the search; None where it is nominal.
+
+        Where a confirmation keeps nominal that is the trial which it turned down.
+        """
+        shown = self.trial if self.trial is not None and self.trial.number else self.evidence.best
+        return None if shown is None or shown.number == 0 or self.decision == NOTHING_BETTER else shown
+
+    @property
+    def headline(self) -> str:
+        """What to do, in a few words."""
+        number = self.trial.number if self.trial else None
+        return {
+            ADOPT: f"Adopt the options of trial {number}",
+            KEEP: "Keep the nominal options",
+            NEITHER: "Neither the nominal options nor others are recommended",
+            UNCONFIRMED: f"Trial {number} is the best so far; not confirmed yet",
+            NOTHING_BETTER: "Keep the nominal options so far",
+            NOTHING_FEASIBLE: "No trial is feasible so far",
+        }[self.decision]
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Why, one fact a sentence."""
+        reason = {
+            ADOPT: self._why_adopted,
+            KEEP: self._why_kept,
+            NEITHER: self._why_neither,
+            UNCONFIRMED: self._why_unconfirmed,
+            NOTHING_BETTER: self._why_nothing_better,
+            NOTHING_FEASIBLE: self._why_nothing_feasible,
+        }[self.decision]
+        newer = self.evidence.newer if self.is_confirmed else None
+        return (*reason(), *(() if newer is None else (_about_newer(newer, self.evidence.score),)))
+
+    @property
+    def text(self) -> str:
+        """The headline and the reasons as one paragraph."""
+        return " ".join([f"{self.headline}.", *self.sentences])
+
+    @property
+    def step(self) -> Step:
+        """What to do next."""
+        if self.is_confirmed:
+            return "confirm" if self.evidence.newer else "export"
+        steps: dict[Decision, Step] = {NEITHER: "new study", UNCONFIRMED: "confirm", NOTHING_BETTER: "extend"}
+        return steps.get(self.decision, "wait")
+
+    def summary(self) -> dict[str, Any]:
+        """Return what commands about something else say of the recommendation with ``--json``."""
+        return {
+            "verdict": self.decision,
+            "headline": self.headline,
+            "reasons": list(self.sentences),
+            "recommended": self.trial.number if self.trial else None,
+        }
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what `study best --json` prints."""
+        found, confirmation = self.evidence, self.evidence.confirmation
+        trial = self.trial.as_dict() if self.trial else None
+        return {
+            **self.summary(),
+            "recommended": trial,
+            "best": trial,
+            "nominal": found.nominal.as_dict() if found.nominal else None,
+            "improvement": self.improvement.as_json() if self.improvement.is_known else None,
+            "confirmation": confirmation.as_json() if confirmation else None,
+        }
+
+    def _why_adopted(self) -> tuple[str, ...]:
+        return (f"{self.evidence.score} {self.improvement.text} against nominal, on fresh noise.",)
+
+    def _why_kept(self) -> tuple[str, ...]:
+        verdict = self.evidence.confirmation
+        if verdict is None or verdict.leading is None:
+            return (
+                f"No trial had a smaller {self.evidence.score} than nominal in the search, so there was nothing to "
+                "confirm.",
+            )
+        return (_none_passed(verdict), *self._about_leading(verdict))
+
+    def _why_neither(self) -> tuple[str, ...]:
+        verdict = self.evidence.confirmation
+        if verdict is None or verdict.word == NO_VERDICT:
+            return ("On fresh noise the nominal options did not work, so there was nothing to compare with.",)
+        message = self.evidence.nominal.message if self.evidence.nominal else ""
+        return (
+            _none_passed(verdict),
+            *self._about_leading(verdict),
+            f"The nominal options were infeasible in the search{f': {message}' if message else ''}.",
+        )
+
+    def _about_leading(self, verdict: Verdict) -> tuple[str, ...]:
+        """Return what the confirmation found about the most promising candidate."""
+        leading = verdict.leading
+        if leading is None:
+            return ()
+        change = f"{self.evidence.score} {leading.improvement.text}" if leading.improvement.is_known else ""
+        return (f"Trial {leading.number}: {'; '.join(filter(None, [change, *leading.reasons]))}.",)
+
+    def _why_unconfirmed(self) -> tuple[str, ...]:
+        score = self.evidence.score
+        flatters = (
+            f"These runs made it the best of {count(self.evidence.num_feasible, 'feasible trial')}, which flatters it."
+        )
+        if not self.evidence.has_nominal:
+            return (f"The nominal options are infeasible, so there is nothing to compare its {score} with.", flatters)
+        if not self.improvement.is_known:
+            return (f"Too few noisy runs worked under both to compare its {score} with nominal's.", flatters)
+        doubt = () if self.improvement.is_certain else ("The interval does not exclude that the two are equal.",)
+        return (f"{score} {self.improvement.text} against nominal, in the search.", *doubt, flatters)
+
+    def _why_nothing_better(self) -> tuple[str, ...]:
+        others = max(self.evidence.num_feasible - 1, 0)
+        return (f"None of {count(others, 'other feasible trial')} has a smaller {self.evidence.score} than nominal.",)
+
+    def _why_nothing_feasible(self) -> tuple[str, ...]:
+        return (f"None of {count(self.evidence.num_trials, 'trial')} is feasible and complete so far.",)
 
 
-def recommend(database: Database, study_id: int, name: str) -> Recommendation:
-    """Return the adopted trial, or nominal where the confirmation keeps it, or the best one so far, unconfirmed.
+def decide(evidence: Evidence, improvement: Improvement = UNKNOWN_IMPROVEMENT) -> Recommendation:
+    """Return which trial to use.
 
-    A nominal setting that was infeasible in the search is never recommended.
+    A confirmation counts as long as it adopted a trial or keeps a nominal setting that works: trials that came later do
+    not undo it, they are named beside it. Where it came to nothing, a later best trial is looked at anew.
+
+    Parameters
+    ----------
+    improvement
+        Of the best trial of the search on nominal.
+    """
+    verdict = evidence.confirmation
+    if evidence.best is None:
+        return Recommendation(NOTHING_FEASIBLE, None, UNKNOWN_IMPROVEMENT, evidence)
+    if verdict is not None and verdict.adopted_candidate is not None and evidence.adopted is not None:
+        return Recommendation(ADOPT, evidence.adopted, verdict.adopted_candidate.improvement, evidence)
+    if verdict is not None and verdict.word == KEEP and evidence.has_nominal:
+        return Recommendation(KEEP, evidence.nominal, UNKNOWN_IMPROVEMENT, evidence)
+    if verdict is not None and evidence.newer is None and not evidence.repeats_nominal:
+        return Recommendation(NEITHER, None, UNKNOWN_IMPROVEMENT, evidence)
+    if evidence.repeats_nominal:
+        return Recommendation(NOTHING_BETTER, evidence.nominal, UNKNOWN_IMPROVEMENT, evidence)
+    return Recommendation(UNCONFIRMED, evidence.best, improvement, evidence)
+
+
+def recommend(database: Database, study: Study) -> Recommendation:
+    """Return which trial of a stored study to use.
+
+    Raises
+    ------
+    DefinitionError
+        The stored definition cannot be read.
+    """
+    evidence = _read_evidence(database, study)
+    chosen = [] if evidence.best is None else [evidence.best]
+    improvements = read_improvements(database, study.id, chosen)
+    found = next(iter(improvements.values()), UNKNOWN_IMPROVEMENT)
+    return decide(evidence, found)
+
+
+def evidence_of(score: str, known: Sequence[Trial], verdict: Verdict | None) -> Evidence:
+    """Return the evidence from all trials of a study and the verdict of its last confirmation."""
+    feasible = [one for one in known if one.state == "complete" and one.feasible and one.value is not None]
+    by_number = {one.number: one for one in known}
+    return Evidence(
+        score=score,
+        nominal=by_number.get(0),
+        best=min(feasible, key=lambda one: (one.value, one.number), default=None),
+        adopted=by_number.get(verdict.adopted) if verdict and verdict.adopted is not None else None,
+        confirmation=verdict,
+        num_trials=len(known),
+        num_feasible=len(feasible),
+    )
+
+
+def require_trial(database: Database, study: Study, found: Recommendation) -> Trial:
+    """Return the trial to use.
 
     Raises
     ------
     StorageError
-        There is no feasible trial yet, or none at all.
+        There is none, with the reason.
     """
-    best = trials.best(database, study_id)
-    if best is None:
-        raise StorageError(without_feasible_trial(database, name))
-    known = confirmations.of_study(database, study_id)
-    result = known[-1].result if known else {}
-    nominal = trials.get(database, study_id, 0)
-    if not known or not (best.options == nominal.options or compared(result, best.options)):
-        return Recommendation(best, UNCONFIRMED, {})
-    if known[-1].verdict == ADOPT:
-        return Recommendation(trials.get(database, study_id, result["adopted"]), ADOPT, result)
-    if known[-1].verdict == KEEP and nominal.feasible:
-        return Recommendation(nominal, KEEP, result)
-    return Recommendation(best, UNCONFIRMED, result, turned_down=known[-1].verdict == KEEP)
+    if found.trial is not None:
+        return found.trial
+    if found.decision == NOTHING_FEASIBLE:
+        raise StorageError(without_feasible_trial(database, study))
+    raise StorageError(f"study '{study.name}' has no trial to use: {found.text}")
 
 
-def without_feasible_trial(database: Database, name: str) -> str:
-    """Return what to tell whoever asks for the outcome of a study none of whose trials is feasible."""
-    study = studies.get(database, name)
+def without_feasible_trial(database: Database, study: Study) -> str:
+    """Return why a study none of whose trials is feasible has no outcome, and what to do."""
+    name = study.name
     if study.state != "done":
         return f"study '{name}' has no feasible trial yet; run it with: gtf-tune study run {name}"
     reasons = Counter(one.message for one in trials.of_study(database, study.id) if one.message)
     reason = reasons.most_common(1)[0][0] if reasons else "no reason was stored"
     return f"no trial of study '{name}' is feasible: {reason}; see: gtf-tune study show {name}"
+
+
+def _read_evidence(database: Database, study: Study) -> Evidence:
+    """Read the evidence with a few small queries, whatever the number of trials."""
+    known = confirmations.of_study(database, study.id)
+    verdict = verdict_of(known[-1]) if known else None
+    efforts = trials.efforts(database, study.id)
+    adopted = trials.get(database, study.id, verdict.adopted) if verdict and verdict.adopted is not None else None
+    return Evidence(
+        score=definition_unit(stored_definition(study)).name,
+        nominal=trials.nominal(database, study.id),
+        best=trials.best(database, study.id),
+        adopted=adopted,
+        confirmation=verdict,
+        num_trials=sum(one.count for one in efforts),
+        num_feasible=sum(one.count for one in efforts if one.state == "complete" and one.feasible),
+    )
+
+
+def _none_passed(verdict: Verdict) -> str:
+    if len(verdict.candidates) == 1:
+        return "On fresh noise the only candidate did not pass every test."
+    return f"On fresh noise none of {len(verdict.candidates)} candidates passed every test."
+
+
+def _about_newer(newer: Trial, score: str) -> str:
+    return (
+        f"Trial {newer.number}, which that confirmation did not measure, has a smaller {score} in the search: confirm "
+        "again."
+    )

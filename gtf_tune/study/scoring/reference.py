@@ -15,12 +15,14 @@ class Reference:
     """Hold what trial 0 and the incumbent found.
 
     ``nominal_scores`` and ``floors`` are by sequence; ``nominal_value`` is the value of trial 0, ``None`` while it is
-    being scored or where it is infeasible. ``incumbent`` holds the instance values of the best trial before this one.
+    being scored or where it is infeasible. ``nominal_detail`` is what trial 0 stored, its matrices included.
+    ``incumbent`` holds the instance values of the best trial before this one.
     """
 
     floors: Mapping[str, CoverageFloor]
     nominal_scores: Mapping[str, float] = field(default_factory=dict)
     nominal_value: float | None = None
+    nominal_detail: Mapping[str, Any] = field(default_factory=dict, repr=False)
     incumbent: tuple[float, ...] = ()
 
 
@@ -35,7 +37,8 @@ def read_reference(study: OpenStudy, number: int) -> Reference:
     if number == 0:
         return Reference({name: least_floor(len(sequence)) for name, sequence in study.sequences.items()})
     nominal = trials.get(study.database, study.record.id, 0)
-    detail = trials.details(study.database, [nominal.id])[nominal.id]["sequences"]
+    stored = trials.details(study.database, [nominal.id])[nominal.id]
+    detail = stored["sequences"]
     floors = _floors(study, nominal.id, detail)
     scores = {name: detail[name]["value"] for name in study.sequences if detail[name]["value"] is not None}
     if len(study.sequences) > 1 and len(scores) < len(study.sequences):
@@ -45,7 +48,7 @@ def read_reference(study: OpenStudy, number: int) -> Reference:
             "compared over several sequences; leave that sequence out or fix options so that the nominal setting works"
         )
     value = nominal.value if nominal.feasible else None
-    return Reference(floors, scores, value, _incumbent(study, number))
+    return Reference(floors, scores, value, stored, _incumbent(study, number))
 
 
 def _floors(study: OpenStudy, nominal_id: int, detail: Mapping[str, Any]) -> dict[str, CoverageFloor]:

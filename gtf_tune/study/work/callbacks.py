@@ -6,18 +6,19 @@ from typing import Protocol
 
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store.runs import StoredRun
+from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement
 from gtf_tune.study.runs.run_source import RunListener, RunSlot
 from gtf_tune.study.scoring.objective import TrialScore
 
 
 @dataclass(frozen=True)
 class TrialEnd:
-    """Hold the end of a trial: its slot, options and score, and why it was stopped early where it was."""
+    """End of a trial: its slot, options, score and improvement on nominal, and why it was stopped early if it was."""
 
     number: int
     options: Mapping[str, OptionValue]
     score: TrialScore
-    noisy_runs: int
+    improvement: Improvement = UNKNOWN_IMPROVEMENT
     stopped: str = ""
 
 

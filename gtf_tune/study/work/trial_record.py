@@ -7,6 +7,8 @@ from optuna.trial import Trial
 
 from gtf_tune.store.optuna.retrying_storage import gathered
 from gtf_tune.store.trial_queue import TrialResult
+from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement
+from gtf_tune.study.outcome.pairing import paired_improvement, score_matrices, stored_matrices
 from gtf_tune.study.scoring.objective import SequenceScore
 from gtf_tune.study.scoring.reference import Reference
 from gtf_tune.study.scoring.trial_scorer import ScoredTrial
@@ -23,12 +25,19 @@ def report_instances(trial: Trial, scored: ScoredTrial) -> None:
             trial.report(value, step)
 
 
-def set_attributes(trial: Trial, scored: ScoredTrial, reference: Reference, wall_s: float) -> None:
+def improvement_on_nominal(scored: ScoredTrial, reference: Reference) -> Improvement:
+    """Return the paired improvement of a trial; unknown for nominal itself and where one of the two is infeasible."""
+    if reference.nominal_value is None:
+        return UNKNOWN_IMPROVEMENT
+    return paired_improvement(stored_matrices(reference.nominal_detail), score_matrices(scored.score))
+
+
+def set_attributes(trial: Trial, scored: ScoredTrial, improvement: Improvement, wall_s: float) -> None:
     """Give Optuna the constraint and the headline numbers; short scalars only, left out where they do not exist.
 
-    ``improvement_percent`` is positive where the trial beats nominal.
+    ``improvement_percent`` is the paired improvement, positive where the trial is better than nominal.
     """
-    attributes = _attributes(scored, reference, wall_s)
+    attributes = _attributes(scored, improvement, wall_s)
     # A trial that an earlier worker nearly finished has the constraint already; Optuna would warn of a second one.
     if COVERAGE_CONSTRAINT not in optuna_trials.known(trial).constraints:
         trial.set_constraint(COVERAGE_CONSTRAINT, scored.score.violation)
@@ -36,7 +45,7 @@ def set_attributes(trial: Trial, scored: ScoredTrial, reference: Reference, wall
         trial.set_user_attr(name, value)
 
 
-def _attributes(scored: ScoredTrial, reference: Reference, wall_s: float) -> dict[str, Any]:
+def _attributes(scored: ScoredTrial, improvement: Improvement, wall_s: float) -> dict[str, Any]:
     score = scored.score
     attributes: dict[str, Any] = {
         "coverage": round(score.coverage, 4),
@@ -49,12 +58,12 @@ def _attributes(scored: ScoredTrial, reference: Reference, wall_s: float) -> dic
             attributes["gtf_se"] = score.standard_error
         if scored.decision.hopeless:
             attributes["stopped_early"] = True
-        if reference.nominal_value:
-            attributes["improvement_percent"] = round(100 * (1 - score.value / reference.nominal_value), 2)
+        if improvement.is_known:
+            attributes["improvement_percent"] = round(100 * improvement.value, 2)
     return attributes
 
 
-def trial_result(scored: ScoredTrial, wall_s: float) -> TrialResult:
+def trial_result(scored: ScoredTrial, improvement: Improvement, wall_s: float) -> TrialResult:
     """Return the row of a trial, its matrices included."""
     score = scored.score
     low, high = score.confidence_interval
@@ -78,6 +87,7 @@ def trial_result(scored: ScoredTrial, wall_s: float) -> TrialResult:
             },
             "instances": list(scored.instances),
             "sizing": scored.decision.reason,
+            "improvement": improvement.as_json(),
         },
     )
 

@@ -26,7 +26,12 @@ from gtf_tune.study.search.samplers import make_sampler
 from gtf_tune.study.work import optuna_trials
 from gtf_tune.study.work.callbacks import StudyListener, TrialEnd
 from gtf_tune.study.work.heartbeat import Heartbeat
-from gtf_tune.study.work.trial_record import report_instances, set_attributes, trial_result
+from gtf_tune.study.work.trial_record import (
+    improvement_on_nominal,
+    report_instances,
+    set_attributes,
+    trial_result,
+)
 
 
 @dataclass(frozen=True)
@@ -76,13 +81,14 @@ class TrialRunner:
         if not trial_queue.is_held(database, lease):
             raise Interrupted
         runs.link(database, lease.trial_id, scored.uses)
+        improvement = improvement_on_nominal(scored, reference)
         wall_s = time.perf_counter() - started
         with gathered(trial.storage):
-            set_attributes(trial, scored, reference, wall_s)
+            set_attributes(trial, scored, improvement, wall_s)
             record_side_metric(self.study, lease, trial, scored)
             if self.study.mismatch:
                 trial.set_user_attr("version", self.study.pipeline.version)
-        result = trial_result(scored, wall_s)
+        result = trial_result(scored, improvement, wall_s)
         if self.study.mismatch:
             result = replace(result, detail={**result.detail, "version_mismatch": self.study.mismatch})
         if not trial_queue.finish(database, lease, result):
@@ -90,7 +96,7 @@ class TrialRunner:
         self._announce_end(trial, lease.number, result)
         optuna_trials.tell(self.study.optuna_study, trial.number, scored.score.value, result.state)
         stopped = result.message if result.state == "pruned" else ""
-        return TrialEnd(lease.number, options, scored.score, scored.noisy_runs, stopped)
+        return TrialEnd(lease.number, options, scored.score, improvement, stopped)
 
     def _ask(self, lease: trial_queue.TrialLease) -> tuple[Trial, dict[str, OptionValue]]:
         study = self.study.optuna_study

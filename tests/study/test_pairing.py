@@ -4,7 +4,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gtf_tune.study.outcome.improvement import improvement
+from gtf_tune.study.outcome.improvement import Improvement
+from gtf_tune.study.outcome.pairing import paired_improvement, stored_matrices
 
 COMMON = np.exp(0.3 * np.random.default_rng(5).standard_normal(6))
 
@@ -15,6 +16,10 @@ def detail(size: float, *, seed: int = 0, spread: float = 0.02, **collapsed: flo
     if collapsed:
         matrix[:, int(collapsed["at"])] *= collapsed["times"]
     return {"sequences": {"room": {"matrix": matrix.tolist()}}}
+
+
+def improvement(nominal: dict[str, Any], other: dict[str, Any]) -> Improvement:
+    return paired_improvement(stored_matrices(nominal), stored_matrices(other))
 
 
 def test_a_collapsed_run_of_the_best_trial_hides_no_improvement() -> None:
