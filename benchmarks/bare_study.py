@@ -64,7 +64,7 @@ class BareStudy:
             self.pipeline,
             self.definition.gtf,
             SeedSource(self.definition.search.seed),
-            self.definition.pipeline.options,
+            self.definition.fixed_options,
         )
         self.study = optuna.create_study()
 
@@ -75,7 +75,7 @@ class BareStudy:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 self._trial(number, fixed)
-            yield Step(self.runs, self.pipeline.expected_error({**self.definition.pipeline.options, **self.pick}))
+            yield Step(self.runs, self.pipeline.expected_error({**self.definition.fixed_options, **self.pick}))
 
     def _trial(self, number: int, fixed: Mapping[str, Any] | None) -> None:
         self.study.sampler = make_sampler(self.definition.search, number, self.space)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings
+from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Nominal, Settings
 from gtf_tune.cli.terminal.console import number, say, write_json, write_pairs
 from gtf_tune.cli.true_errors import Side
 
@@ -19,6 +19,7 @@ def evaluate(
     sequence: Annotated[Path, typer.Argument(help="Folder of images.")],
     pipeline: Annotated[str, typer.Option("--pipeline", "-p", help="Pipeline.")] = "glomap",
     option: Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="An option.")] = None,
+    nominal: Nominal = None,
     setting: Settings = None,
     frames: Frames = None,
     clean_runs: Annotated[int, typer.Option("--clean-runs", "-k", min=1, help="k.")] = 2,
@@ -37,7 +38,7 @@ def evaluate(
     Example: gtf-tune evaluate images/ -o mapper.max_normalized_reproj_error=1e-3
     """
     from gtf_tune.cli.executors import cores, make_executor
-    from gtf_tune.cli.values import parse_frames, parse_pairs
+    from gtf_tune.cli.values import parse_frames, parse_nominal, parse_pairs
     from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.display import sequence_unit
@@ -51,7 +52,7 @@ def evaluate(
         source="evaluate",
     )
     chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))
-    given = parse_pairs(option, "--option")
+    given = parse_nominal(nominal) | parse_pairs(option, "--option")
     measured = section_from_dict(SideMetricDefinition, parse_pairs(side, "--side"), source="--side")
     wanted = Setting(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
     loaded = load_sequence(sequence, selection=parse_frames(frames), fewest=FEWEST_FRAMES)

@@ -27,6 +27,14 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--setting", metavar="NAME=VALUE", help="A setting of the pipeline that is no option (pairing=...)."),
 ]
+Nominal = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--nominal",
+        metavar="OPTION=VALUE|FILE.json",
+        help="Your present value of an option, or all of them as 'study export --format json' writes them.",
+    ),
+]
 Frames = Annotated[
     list[str] | None,
     typer.Option(

@@ -1,7 +1,10 @@
 """Read values and pairs from the command line."""
 
+import json
 import tomllib
+from collections.abc import Iterator
 from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gtf_tune.errors import DefinitionError
@@ -51,6 +54,36 @@ def parse_pair(text: str, flag: str) -> tuple[str, str]:
     if not equals or not name.strip() or not value.strip():
         raise DefinitionError(f"{flag} takes NAME=VALUE, not '{text}'")
     return name.strip(), value.strip()
+
+
+def parse_nominal(texts: list[str] | None) -> dict[str, Any]:
+    """Return the options that several ``--nominal`` give: OPTION=VALUE, or JSON files, which the former overrule."""
+    pairs = [text for text in texts or [] if "=" in text]
+    files = [_options_of(Path(text)) for text in texts or [] if "=" not in text]
+    refuse_repeated([name for options in files for name in options], "--nominal")
+    return {name: value for options in files for name, value in options.items()} | parse_pairs(pairs, "--nominal")
+
+
+def _options_of(path: Path) -> dict[str, Any]:
+    """Return the options of a JSON file by their dotted paths; tables in tables are parts of a path."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise DefinitionError(
+            f"--nominal takes OPTION=VALUE or a JSON file such as 'gtf-tune study export --format json' writes, and "
+            f"'{path}' is neither ({error})"
+        ) from error
+    if not isinstance(found, dict):
+        raise DefinitionError(f"--nominal {path}: the file should hold an object of options, not {str(found)[:40]!r}")
+    return dict(_dotted(found))
+
+
+def _dotted(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            yield from _dotted(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def parse_frames(texts: list[str] | None) -> "Selection":

@@ -26,10 +26,15 @@ Name = Annotated[str, AfterValidator(check_name)]
 
 
 class PipelineDefinition(Section):
-    """Name the pipeline, the options held fixed, and settings that are not options (``pairing = "sequential"``)."""
+    """Pipeline that is tuned, its options as far as they are known, and settings (``pairing = "sequential"``).
+
+    ``options`` are held fixed. ``nominal`` is the user's baseline: what nominal means for options that are searched, and
+    for those that are not the value in every trial. Other options have the program's defaults.
+    """
 
     name: str
     options: dict[str, bool | int | float | str] = Field(default_factory=dict)
+    nominal: dict[str, bool | int | float | str] = Field(default_factory=dict)
     settings: dict[str, JsonValue] = Field(default_factory=dict)
 
 
@@ -96,6 +101,10 @@ class StudyDefinition(Section):
         both = sorted(set(self.space) & set(self.pipeline.options))
         if both:
             raise ValueError(f"an option is either fixed or searched, not both: {', '.join(both)}")
+        options, nominal = self.pipeline.options, self.pipeline.nominal
+        contradicted = sorted(name for name in set(options) & set(nominal) if options[name] != nominal[name])
+        if contradicted:
+            raise ValueError(f"options held fixed at other values than their nominal ones: {', '.join(contradicted)}")
         return self
 
     @model_validator(mode="after")
@@ -109,6 +118,12 @@ class StudyDefinition(Section):
     def searched_sequences(self) -> list[SequenceDefinition]:
         """Return the sequences that the search sees."""
         return [sequence for sequence in self.sequences if not sequence.holdout]
+
+    @property
+    def fixed_options(self) -> dict[str, bool | int | float | str]:
+        """Return the options with the same value in every trial, as far as they are given."""
+        unsearched = {name: value for name, value in self.pipeline.nominal.items() if name not in self.space}
+        return {**self.pipeline.options, **unsearched}
 
 
 def name_from(folder: str) -> str:

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from gtf_tune.definition import Axis, StudyDefinition, definition_from_dict, dump_definition
 from gtf_tune.errors import GtfTuneError, SequenceError, StorageError
-from gtf_tune.pipelines import Pipeline, create_pipeline
+from gtf_tune.pipelines import OptionTable, OptionValue, Pipeline, create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
@@ -58,8 +58,9 @@ def create_study(
         name is taken.
     """
     pipeline = runnable(pipeline or make_pipeline(definition), definition.name)
-    pipeline.options.check(definition.pipeline.options)
-    check_search(definition, build_space(definition, pipeline.options))
+    space = build_space(definition, pipeline.options)
+    pipeline.options.check({**definition.fixed_options, **space.nominal})
+    check_search(definition, space)
     refuse_taken_name(database, definition.name)
     loaded = [load_defined_sequence(one, root) for one in definition.sequences]
     _refuse_same_images(loaded)
@@ -122,14 +123,22 @@ def _option_faults(data: Mapping[str, Any]) -> list[str]:
     except GtfTuneError as error:
         return [str(error)]
     faults: list[str] = []
-    for name, value in _mapping(section.get("options")).items():
+    nominal = _checked(section.get("nominal"), table, faults)
+    _checked(section.get("options"), table, faults)
+    return faults + space_faults(_sound_axes(data.get("space")), table, nominal)
+
+
+def _checked(options: object, table: OptionTable, faults: list[str]) -> dict[str, OptionValue]:
+    """Return the options that the pipeline takes, and append a sentence to ``faults`` for every other one."""
+    checked: dict[str, OptionValue] = {}
+    for name, value in _mapping(options).items():
         if isinstance(value, Mapping | list):  # a fault of the shape, which is reported already
             continue
         try:
-            table.check({name: value})
+            checked |= table.check({name: value})
         except GtfTuneError as error:
             faults.append(str(error))
-    return faults + space_faults(_sound_axes(data.get("space")), table)
+    return checked
 
 
 def _sound_axes(space: object) -> dict[str, Axis]:

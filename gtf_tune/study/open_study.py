@@ -44,7 +44,7 @@ class OpenStudy:
     def planner(self) -> RunPlanner:
         """Return the planner of the search's runs."""
         seeds = SeedSource(self.definition.search.seed)
-        return RunPlanner(self.pipeline, self.definition.gtf, seeds, self.definition.pipeline.options)
+        return RunPlanner(self.pipeline, self.definition.gtf, seeds, self.definition.fixed_options)
 
     @property
     def budget(self) -> int:

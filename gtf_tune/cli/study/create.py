@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Frames, Settings, Storage
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Frames, Nominal, Settings, Storage
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
 from gtf_tune.cli.terminal.console import say
 from gtf_tune.cli.true_errors import Side
-from gtf_tune.cli.values import parse_pairs, parse_value, refuse_repeated, split_pairs
+from gtf_tune.cli.values import parse_nominal, parse_pairs, parse_value, refuse_repeated, split_pairs
 from gtf_tune.errors import DefinitionError
 
 Source = Annotated[str, typer.Argument(metavar="NAME|FILE.toml", help="Name of the study, or a study definition.")]
@@ -46,6 +46,7 @@ def create(
     frames: Frames = None,
     pipeline: Pipeline = None,
     option: Fixed = None,
+    nominal: Nominal = None,
     setting: Settings = None,
     range_: Range = None,
     values: Values = None,
@@ -74,7 +75,10 @@ def create(
     data, root = _base(source)
     if name:
         data["name"] = name
-    _add_pipeline(data, pipeline, parse_pairs(option, "--option"), parse_pairs(setting, "--setting"))
+    _put(data, "pipeline", name=pipeline)
+    _add_to_pipeline(data, "options", parse_pairs(option, "--option"))
+    _add_to_pipeline(data, "nominal", parse_nominal(nominal))
+    _add_to_pipeline(data, "settings", parse_pairs(setting, "--setting"))
     _add_sequences(data, sequence)
     chosen = parse_pairs(frames, "--frames")
     if max_image_size is not None and "max_image_size" in chosen:
@@ -106,13 +110,11 @@ def _is_file(source: str) -> bool:
     return source.endswith(".toml")
 
 
-def _add_pipeline(data: dict[str, Any], name: str | None, options: dict[str, Any], settings: dict[str, Any]) -> None:
-    _put(data, "pipeline", name=name)
-    for part, given in (("options", options), ("settings", settings)):
-        section = data.get("pipeline") or {}
-        if given and isinstance(section, dict):
-            data["pipeline"] = dict(section)
-            _put(data["pipeline"], part, **given)
+def _add_to_pipeline(data: dict[str, Any], part: str, given: dict[str, Any]) -> None:
+    section = data.get("pipeline") or {}
+    if given and isinstance(section, dict):
+        data["pipeline"] = dict(section)
+        _put(data["pipeline"], part, **given)
 
 
 def _add_sequences(data: dict[str, Any], folders: list[Path] | None) -> None:

@@ -175,7 +175,8 @@ def with_noise(study: OpenStudy, sequences: Mapping[str, ImageSequence], source:
     stored = studies.get(study.database, study.definition.name).resolved["noise_sigma"]
     missing = {name: sequence for name, sequence in sequences.items() if name not in stored}
     definition = study.definition
-    probe = NoiseProbe(study.pipeline, definition.pipeline.options, definition.gtf, definition.search.seed, whole=False)
+    nominal = {**definition.fixed_options, **study.space.nominal}
+    probe = NoiseProbe(study.pipeline, nominal, definition.gtf, definition.search.seed, whole=False)
     measured = {}
     for name, sequence in missing.items():
         measured[name], reason = probe.choose(sequence, stored_runs(source))

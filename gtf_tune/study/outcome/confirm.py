@@ -162,7 +162,7 @@ def _requests(
     # Configurations are compared under the same noise, even where the search drew it anew for every trial.
     gtf = definition.gtf.model_copy(update={"common_noise": True})
     seeds = SeedSource(definition.search.seed, purpose=plan.purpose)
-    planner = RunPlanner(study.pipeline, gtf, seeds, definition.pipeline.options)
+    planner = RunPlanner(study.pipeline, gtf, seeds, definition.fixed_options)
     return {
         RunSlot(name, kind, index): planner.request(
             sequence, options, (kind, index), sigma=study.sigmas[name], number=0

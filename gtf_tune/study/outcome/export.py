@@ -122,7 +122,7 @@ def options_text(format_: str, definition: StudyDefinition, searched: Mapping[st
         The format is COLMAP's and the pipeline is not.
     """
     pipeline = definition.pipeline
-    options = {**pipeline.options, **searched}
+    options = {**definition.fixed_options, **searched}
     if format_ == "colmap-ini":
         return colmap_ini(pipeline.name, options, pipeline.settings)
     if format_ == "colmap-cli":

@@ -5,7 +5,8 @@ import itertools
 import math
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 from optuna import Trial
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
@@ -40,7 +41,7 @@ class SearchSpace:
 
     @property
     def nominal(self) -> dict[str, OptionValue]:
-        """Return the pipeline's default for every searched option."""
+        """Return the user's baseline for every searched option, the pipeline's default where there is none."""
         return {axis.name: axis.nominal for axis in self.axes}
 
     @property
@@ -69,27 +70,40 @@ class SearchSpace:
 
 def build_space(definition: StudyDefinition, table: OptionTable) -> SearchSpace:
     """Return the search space, or raise one `DefinitionError` that names every fault."""
-    faults = space_faults(definition.space, table)
+    nominal = definition.pipeline.nominal
+    faults = space_faults(definition.space, table, nominal)
     if faults:
         raise DefinitionError("; ".join(faults))
     exhaustive = definition.search.sampler == "grid"
     return SearchSpace(
-        tuple(_build_axis(table.specs[name], axis, exhaustive) for name, axis in definition.space.items())
+        tuple(
+            _build_axis(_with_nominal(table.specs[name], nominal), axis, exhaustive)
+            for name, axis in definition.space.items()
+        )
     )
 
 
-def space_faults(space: Mapping[str, Axis], table: OptionTable) -> list[str]:
-    """Return a sentence for every axis that does not suit the pipeline."""
+def _with_nominal(spec: OptionSpec, nominal: Mapping[str, OptionValue]) -> OptionSpec:
+    """Return an option whose default is the user's baseline, where that says anything of it."""
+    if spec.name not in nominal:
+        return spec
+    return replace(spec, default=OptionTable("", {spec.name: spec}).check_one(spec.name, nominal[spec.name]))
+
+
+def space_faults(
+    space: Mapping[str, Axis], table: OptionTable, nominal: Mapping[str, OptionValue] = MappingProxyType({})
+) -> list[str]:
+    """Return a sentence for every axis that does not suit the pipeline and the user's baseline."""
     faults: list[str] = []
     for name, axis in space.items():
         try:
-            _check_axis(table, name, axis)
+            _check_axis(table, name, axis, nominal)
         except GtfTuneError as error:
             faults.append(str(error))
     return faults
 
 
-def _check_axis(table: OptionTable, name: str, axis: Axis) -> None:
+def _check_axis(table: OptionTable, name: str, axis: Axis, nominal: Mapping[str, OptionValue]) -> None:
     ends = [axis.low, axis.high] if isinstance(axis, RangeAxis) else list(axis.values)
     for value in ends:
         table.check({name: value})
@@ -98,10 +112,11 @@ def _check_axis(table: OptionTable, name: str, axis: Axis) -> None:
     spec = table.specs[name]
     if spec.kind not in ("int", "float"):
         raise DefinitionError(f"option '{name}' is a {spec.kind}; give its axis as {{ values = [...] }}")
-    if isinstance(spec.default, int | float) and not axis.low <= spec.default <= axis.high:
+    baseline, whose = (nominal[name], "nominal value") if name in nominal else (spec.default, "pipeline's default")
+    if isinstance(baseline, int | float) and not axis.low <= baseline <= axis.high:
         raise DefinitionError(
-            f"the range of '{name}' [{axis.low:g}, {axis.high:g}] leaves out the pipeline's default {spec.default:g}, "
-            "which trial 0 measures every improvement against; widen the range"
+            f"the range of '{name}' [{axis.low:g}, {axis.high:g}] leaves out the {whose} {baseline:g}, which trial 0 "
+            "measures every improvement against; widen the range"
         )
     if axis.step is not None and spec.kind == "int" and axis.step != int(axis.step):
         raise DefinitionError(f"option '{name}' takes whole numbers; its step cannot be {axis.step:g}")
