@@ -73,6 +73,14 @@ def value_text(value: object) -> str:
     return option_text(value, digits=6)
 
 
+def nominal_text(definition: StudyDefinition) -> str:
+    """Return in words what the nominal setting is: the program's defaults, or what the user gave."""
+    given = definition.pipeline.nominal
+    if not given:
+        return "the program's defaults"
+    return f"yours: {', '.join(f'{name}={value_text(value)}' for name, value in given.items())}"
+
+
 @dataclass(frozen=True)
 class ScoreUnit:
     """Hold the name of a score, the factor from stored to shown values, and the shown unit, short and in words."""

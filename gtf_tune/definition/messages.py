@@ -64,9 +64,10 @@ def _unquoted_names(data: Mapping[str, Any]) -> Iterator[tuple[Place, tuple[str,
             is_table = isinstance(value, Mapping)
             if path[-1] not in _AXIS_KEYS and (is_table or not _is_meant_as_axis(key, _table(axis))):
                 yield ("space",), path
-    for key, value in _table(_table(data.get("pipeline")).get("options")).items():
-        for path, _ in _leaves(_table(value), (key,)):
-            yield ("pipeline", "options"), path
+    for part in ("options", "nominal"):
+        for key, value in _table(_table(data.get("pipeline")).get(part)).items():
+            for path, _ in _leaves(_table(value), (key,)):
+                yield ("pipeline", part), path
 
 
 def _leaves(table: Mapping[str, Any], prefix: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:

@@ -28,8 +28,8 @@ Name = Annotated[str, AfterValidator(check_name)]
 class PipelineDefinition(Section):
     """Pipeline that is tuned, its options as far as they are known, and settings (``pairing = "sequential"``).
 
-    ``options`` are held fixed. ``nominal`` is the user's baseline: what nominal means for options that are searched, and
-    for those that are not the value in every trial. Other options have the program's defaults.
+    ``options`` are held fixed. ``nominal`` is the user's baseline: what nominal means for options that are searched,
+    and the value in every trial of those that are not. Other options have the program's defaults.
     """
 
     name: str

@@ -35,7 +35,7 @@ def best(name: StudyName, json: Json = False, storage: Storage = DEFAULT_STORAGE
     write_pairs(_facts(found, definition_unit(definition)))
     if found.trial is not None:
         write_line("")
-        write_options({**definition.pipeline.options, **(found.trial.options or {})})
+        write_options({**definition.fixed_options, **(found.trial.options or {})})
         warn_of_mixed_versions(database, study.id, [found.trial.number])
     warn_of_lost_frames(database, study.id)
     suggest_step(found, database, study)

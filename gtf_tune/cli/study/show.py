@@ -88,6 +88,8 @@ def _number(trial: "Trial | None") -> int | None:
 
 
 def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list["Effort"], cost: "RunTotals") -> None:
+    from gtf_tune.display import nominal_text
+
     gtf = definition.gtf
     noise = _noise(definition, study)
     finished = sum(one.count for one in efforts if one.state != "claimed")
@@ -96,6 +98,7 @@ def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list[
         {
             "study": f"{definition.name} ({study.state}, {finished} trials done)",
             "pipeline": definition.pipeline.name,
+            **({"nominal": nominal_text(definition)} if definition.pipeline.nominal else {}),
             "sequences": ", ".join(one.name for one in definition.sequences),
             "runs a trial": f"{gtf.clean_runs} clean, {gtf.noisy_runs_text} noisy {noise}",
             "score": gtf.score_text,

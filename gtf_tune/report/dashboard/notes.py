@@ -3,7 +3,16 @@
 import math
 
 from gtf_tune.definition import RangeAxis
-from gtf_tune.display import UNKNOWN, count, definition_unit, interval, share, significant, value_text
+from gtf_tune.display import (
+    UNKNOWN,
+    count,
+    definition_unit,
+    interval,
+    nominal_text,
+    share,
+    significant,
+    value_text,
+)
 from gtf_tune.report.dashboard.markdown import inline_code, plain, table
 from gtf_tune.report.panels.failures import run_failures
 from gtf_tune.report.panels.verdict import verdict_sentences
@@ -116,7 +125,8 @@ def _reading(data: StudyData) -> str:
             f"({gtf.clean_runs} clean runs against {gtf.noisy_runs_text} noisy ones). Smaller is better. It is "
             f"stored as a {_stored_unit(data)}.",
             "- **Intermediate values** are the same number, one noise instance after the other.",
-            "- **Trial 0** is the nominal setting, and what every improvement is measured against.",
+            f"- **Trial 0** is the nominal setting ({nominal_text(data.definition)}), and what every improvement is "
+            "measured against.",
             f"- A trial with a value of {infeasible_from:.7g} or more is **infeasible**: a run failed or "
             "registered too few frames; the value is a penalty that keeps samplers away. Switch *Log y scale* on, or "
             "look at the figures instead.",

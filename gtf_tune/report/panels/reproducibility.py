@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass
 
+from gtf_tune.display import nominal_text
 from gtf_tune.report.drawing import markup
 from gtf_tune.report.panels.base import Block, Panel, ReportInput
 from gtf_tune.report.study_data import StudyData
@@ -67,6 +68,7 @@ def reproducibility_panel(report: ReportInput) -> list[Block]:
     """Return versions, seeds, fingerprints and the whole definition of the study."""
     found = provenance(report.data)
     facts = [*found.versions, ("sampler", found.sampler), ("seed of the study", str(found.seed))]
+    facts.append(("nominal setting", nominal_text(report.data.definition)))
     facts.append(("threads of a run", ", ".join(str(threads) for threads in found.threads) or "-"))
     facts.append(("storage", report.data.storage))
     sequences = [

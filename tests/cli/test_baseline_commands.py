@@ -1,0 +1,86 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Cli
+
+CREATE = (
+    "study",
+    "create",
+    "small",
+    "-p",
+    "analytic",
+    "-s",
+    "room",
+    "-n",
+    "2",
+    "-k",
+    "1",
+    "-K",
+    "2",
+    "--noise-sigma",
+    "5",
+)
+AXIS = ("-r", "filter.max_error=1e-3:1e-1:log")
+
+
+def _nominal(cli: Cli, name: str = "small") -> dict[str, object]:
+    return json.loads(cli("study", "show", name, "--json").out)["definition"]["pipeline"]["nominal"]
+
+
+def test_flags_and_files_give_the_baseline_of_a_study(cli: Cli, room: Path) -> None:
+    Path("mine.json").write_text('{"filter": {"max_error": 0.02}, "robust": {"scale": 2.0}}')
+
+    cli(*CREATE, *AXIS, "--nominal", "mine.json", "--nominal", "robust.scale=3", "--nominal", "robust.kernel=cauchy")
+
+    assert _nominal(cli) == {"filter.max_error": 0.02, "robust.scale": 3.0, "robust.kernel": "cauchy"}
+    shown = " ".join(cli("study", "show", "small").out.split())
+    assert "nominal yours: filter.max_error=0.02, robust.scale=3, robust.kernel=cauchy" in shown
+
+
+def test_what_one_study_exports_is_the_baseline_of_the_next(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "-o", "robust.kernel=cauchy")
+    cli("study", "run", "small", "--jobs", "1")
+    cli("study", "export", "small", "--format", "json", "--trial", "1", "-o", "mine.json")
+
+    created = cli("study", "create", "next", *CREATE[3:], *AXIS, "--nominal", "mine.json")
+    cli("study", "run", "next", "--jobs", "1")
+
+    first = json.loads(cli("study", "show", "small", "--json").out)["trials"]
+    second = json.loads(cli("study", "show", "next", "--json").out)["trials"]
+    assert created.code == 0
+    assert second[0]["options"] == first[1]["options"]
+    assert second[0]["gtf_ate"] == first[1]["gtf_ate"]
+
+
+def test_evaluate_starts_from_the_baseline(cli: Cli, room: Path) -> None:
+    both = ("evaluate", "room", "-p", "analytic", "-k", "1", "-K", "2", "-j", "1", "--json")
+
+    mine = cli(
+        *both, "--nominal", "filter.max_error=0.02", "--nominal", "robust.scale=2", "-o", "filter.max_error=0.01"
+    )
+    by_hand = cli(*both, "-o", "filter.max_error=0.01", "-o", "robust.scale=2")
+
+    assert json.loads(mine.out) == json.loads(by_hand.out)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (None, "takes OPTION=VALUE or a JSON file"),
+        ("{oops", "takes OPTION=VALUE or a JSON file"),
+        ("[1, 2]", "should hold an object of options, not '[1, 2]'"),
+        ('{"filter": {"max_eror": 1}}', "did you mean 'filter.max_error'"),
+        ('{"robust": {"scale": [1]}}', "robust.scale"),
+    ],
+)
+def test_a_file_that_holds_no_options_is_refused(cli: Cli, room: Path, text: str | None, reason: str) -> None:
+    if text is not None:
+        Path("mine.json").write_text(text)
+
+    said = cli(*CREATE, *AXIS, "--nominal", "mine.json")
+
+    assert said.code == 1
+    assert reason in said.err
+    assert "Traceback" not in said.err
