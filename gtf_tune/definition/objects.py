@@ -1,29 +1,32 @@
 """Import what a definition names as ``module:attribute``."""
 
+import sys
+from functools import reduce
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
-from gtf_tune.errors import DefinitionError, did_you_mean
+from gtf_tune.errors import DefinitionError
 
 
-def load_object(name: str, kind: str) -> Any:
+def load_object(target: str, kind: str, folder: str = "") -> Any:
     """Return what ``module:attribute`` names; ``kind`` is what it is meant to be, for messages.
+
+    Modules are also looked for in ``folder``, the working folder unless given.
 
     Raises
     ------
     DefinitionError
         The module cannot be imported here, or has no such attribute.
     """
-    module_name, _, attribute = name.partition(":")
+    name, _, attribute = target.partition(":")
+    folder = folder or str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.append(folder)
     try:
-        module = import_module(module_name)
-    except Exception as error:  # whatever the module itself does when it is imported
+        return reduce(getattr, attribute.split("."), import_module(name))
+    except Exception as error:  # a module runs code of any kind
         raise DefinitionError(
-            f"{kind} '{name}' cannot be imported ({type(error).__name__}: {error}); install its package here, or put "
-            "the folder of its module on PYTHONPATH"
+            f"{kind} '{target}' cannot be imported ({type(error).__name__}: {error}); install its package, or work in "
+            "the folder of its module"
         ) from error
-    try:
-        return getattr(module, attribute)
-    except AttributeError as error:
-        hint = did_you_mean(attribute, vars(module), otherwise="check its name")
-        raise DefinitionError(f"{kind} '{name}': module '{module_name}' has no '{attribute}'; {hint}") from error

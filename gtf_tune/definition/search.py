@@ -21,7 +21,7 @@ SAMPLERS = ("auto", "grid", "refine", "tpe", "qmc", "random")
 FORMER_SAMPLERS = MappingProxyType({"gp": "optuna.samplers:GPSampler", "cmaes": "optuna.samplers:CmaEsSampler"})
 """Names that stored studies may have, with Optuna's samplers that they stood for."""
 
-_CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
+_CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 
 
 class SearchDefinition(Section):

@@ -36,7 +36,7 @@ def test_flags_and_files_give_the_baseline_of_a_study(cli: Cli, room: Path) -> N
 
     assert _nominal(cli) == {"filter.max_error": 0.02, "robust.scale": 3.0, "robust.kernel": "cauchy"}
     shown = " ".join(cli("study", "show", "small").out.split())
-    assert "nominal yours: filter.max_error=0.02, robust.scale=3, robust.kernel=cauchy" in shown
+    assert "nominal yours: filter.max_error=0.02, robust.kernel=cauchy, robust.scale=3" in shown
 
 
 def test_what_one_study_exports_is_the_baseline_of_the_next(cli: Cli, room: Path) -> None:

@@ -5,11 +5,11 @@ import json
 import os
 import sys
 from collections.abc import Mapping
-from functools import cached_property, reduce
-from importlib import import_module
+from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
+from gtf_tune.definition.objects import load_object
 from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines.base import Pipeline, PipelineJob, PipelineOutput
 from gtf_tune.pipelines.function.pipeline import described, of_module
@@ -121,18 +121,8 @@ def _made(target: str, settings: Mapping[str, object], folder: str) -> Pipeline:
 
 def _load(target: str, folder: str) -> tuple[Any, bytes]:
     """Return the attribute and the bytes of its module's file."""
-    name, _, attribute = target.partition(":")
-    if folder not in sys.path:
-        sys.path.append(folder)
-    try:
-        module = import_module(name)
-        found = reduce(getattr, attribute.split("."), module)
-    except Exception as error:  # a module runs code of any kind
-        raise DefinitionError(
-            f"pipeline '{target}' cannot be imported ({type(error).__name__}: {error}); install its package, or work "
-            "in the folder of its module"
-        ) from error
-    file = getattr(module, "__file__", None)
+    found = load_object(target, "pipeline", folder)
+    file = getattr(sys.modules[target.partition(":")[0]], "__file__", None)
     return found, Path(file).read_bytes() if file else b""
 
 
