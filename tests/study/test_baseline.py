@@ -13,7 +13,8 @@ from gtf_tune.store import runs, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.study.create import checked_definition
-from gtf_tune.study.outcome.export import setting_text
+from gtf_tune.study.outcome.export import options_text
+from gtf_tune.study.outcome.improvement import improvement
 from gtf_tune.study.search.space import SearchSpace, build_space
 from tests.study.conftest import Runner, definition_of
 
@@ -39,10 +40,10 @@ def test_trial_zero_has_the_users_values_and_improvements_are_against_it(
     shown = optuna_storage(database).get_all_trials(study.optuna_study_id)
     improvements = {one.number: one.user_attrs["improvement_percent"] for one in shown if one.number}
     assert nominal.options == {"filter.max_error": MINE}
-    assert nominal.value is not None
+    details = trials.details(database, [nominal.id, *(trial.id for trial in others)])
     for trial in others:
-        if trial.feasible and trial.value is not None:
-            assert improvements[trial.number] == pytest.approx(100 * (1 - trial.value / nominal.value), abs=0.01)
+        paired = improvement(details[nominal.id], details[trial.id])
+        assert improvements[trial.number] == pytest.approx(100 * paired.value, abs=0.01)
 
 
 def test_the_coverage_floor_is_that_of_the_users_values(room: Path, database: Database, run_study: Runner) -> None:
@@ -148,7 +149,7 @@ def test_an_option_cannot_be_fixed_at_another_value_than_the_users(room: Path) -
 def test_what_is_exported_holds_the_users_values(room: Path) -> None:
     definition = definition_from_dict(_data(room, {"robust.kernel": "cauchy", "filter.max_error": MINE}))
 
-    text = setting_text("json", definition, {"filter.max_error": 0.02})
+    text = options_text("json", definition, {"filter.max_error": 0.02})
 
     assert '"kernel": "cauchy"' in text
     assert '"max_error": 0.02' in text
