@@ -14,7 +14,7 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.study.create import checked_definition
 from gtf_tune.study.outcome.export import options_text
-from gtf_tune.study.outcome.improvement import improvement
+from gtf_tune.study.outcome.improvement import read_improvements
 from gtf_tune.study.search.space import SearchSpace, build_space
 from tests.study.conftest import Runner, definition_of
 
@@ -40,10 +40,9 @@ def test_trial_zero_has_the_users_values_and_improvements_are_against_it(
     shown = optuna_storage(database).get_all_trials(study.optuna_study_id)
     improvements = {one.number: one.user_attrs["improvement_percent"] for one in shown if one.number}
     assert nominal.options == {"filter.max_error": MINE}
-    details = trials.details(database, [nominal.id, *(trial.id for trial in others)])
-    for trial in others:
-        paired = improvement(details[nominal.id], details[trial.id])
-        assert improvements[trial.number] == pytest.approx(100 * paired.value, abs=0.01)
+    paired = read_improvements(database, study.id, others)
+    assert improvements == {number: pytest.approx(100 * one.value, abs=0.01) for number, one in paired.items()}
+    assert len(improvements) == 7
 
 
 def test_the_coverage_floor_is_that_of_the_users_values(room: Path, database: Database, run_study: Runner) -> None:
