@@ -95,15 +95,15 @@ def _write_outcome(database: "Database", study: "Study") -> None:
         )
         for trial in sorted(known, key=lambda trial: (trial.options or {})[_OPTION])
     ]
-    write_table([f">{_OPTION}", ">GTF ATE [‰]", ">± se", ">true ATE", ""], rows)
+    write_table([f">{_OPTION}", ">GTF ATE [‰]", ">± se", ">ground-truth ATE", ""], rows)
     write_pairs({"verdict": found.text})
     if best is not None and {0, best} <= truth.keys():
         least = min(truth.values()) / truth[0] - 1
-        write_line(f"true ATE of that trial, which the search never saw: {percent(truth[best] / truth[0] - 1)}")
+        write_line(f"ground-truth ATE of that trial, which the search never saw: {percent(truth[best] / truth[0] - 1)}")
         write_line(f"the best that ground truth itself would have found: {percent(least)}")
     pairs = [(trial.gtf_ate, truth[trial.number]) for trial in known if trial.gtf_ate and trial.number in truth]
     rank = f"{spearmanr(*zip(*pairs, strict=True)).statistic:+.2f}" if len(pairs) >= _FEWEST_PAIRS else "-"
-    write_line(f"rank correlation of GTF ATE and true ATE over {len(pairs)} trials: {rank}")
+    write_line(f"rank correlation of GTF ATE and ground-truth ATE over {len(pairs)} trials: {rank}")
 
 
 def _marks(number: int, best: int | None) -> str:
