@@ -10,24 +10,36 @@ from typing import TYPE_CHECKING
 from gtf_tune.version import __version__
 
 if TYPE_CHECKING:
+    from gtf_tune.api.studies import create_study, evaluate, open_study, tune
+    from gtf_tune.api.study import Study
     from gtf_tune.api.trajectories import gtf_ate, load_trajectories
     from gtf_tune.errors import GtfTuneError
     from gtf_tune.trajectory.value import Trajectory
 
 __all__ = [
     "GtfTuneError",
+    "Study",
     "Trajectory",
     "__version__",
+    "create_study",
+    "evaluate",
     "gtf_ate",
     "load_trajectories",
+    "open_study",
+    "tune",
 ]
 
 _MODULES = MappingProxyType(
     {
         "GtfTuneError": "gtf_tune.errors",
+        "Study": "gtf_tune.api.study",
         "Trajectory": "gtf_tune.trajectory.value",
+        "create_study": "gtf_tune.api.studies",
+        "evaluate": "gtf_tune.api.studies",
         "gtf_ate": "gtf_tune.api.trajectories",
         "load_trajectories": "gtf_tune.api.trajectories",
+        "open_study": "gtf_tune.api.studies",
+        "tune": "gtf_tune.api.studies",
     }
 )
 

@@ -1,12 +1,12 @@
 """Make the executor that the flags of a command ask for."""
 
 import logging
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gtf_tune.api import defaults
 from gtf_tune.errors import DefinitionError
 
 if TYPE_CHECKING:
@@ -18,6 +18,8 @@ ExecutorAddress = Annotated[
 ]
 
 _DASK = "dask://"
+
+cores = defaults.cores
 
 
 def make_executor(jobs: int, cache_dir: Path | None, address: str = "local", *, no_cache: bool = False) -> "Executor":
@@ -43,8 +45,3 @@ def make_executor(jobs: int, cache_dir: Path | None, address: str = "local", *, 
     folder = cache_dir or default_cache_folder()
     stages = FreshStages() if no_cache else StageCache(folder)
     return LocalExecutor(jobs, stages, scratch=folder / "scratch")
-
-
-def cores() -> int:
-    """Return how many cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

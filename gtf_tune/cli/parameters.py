@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
-STORAGE_VARIABLE = "GTF_TUNE_STORAGE"
+from gtf_tune.api import defaults
+
+STORAGE_VARIABLE = defaults.STORAGE_VARIABLE
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 Storage = Annotated[
@@ -45,4 +47,4 @@ Frames = Annotated[
 ]
 StudyName = Annotated[str, typer.Argument(metavar="STUDY", help="Name of the study.")]
 
-DEFAULT_STORAGE = "gtf-tune.db"
+DEFAULT_STORAGE = defaults.DEFAULT_STORAGE

@@ -5,7 +5,7 @@ import json
 import os
 import sys
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, reduce
 from pathlib import Path
 from typing import Any, cast
 
@@ -98,6 +98,16 @@ def is_importable(target: str) -> bool:
     """Whether another process can have what ``module:attribute`` names: not that of a main script or a function."""
     module, _, attribute = target.partition(":")
     return module != "__main__" and "<" not in attribute
+
+
+def resolved(target: str) -> object:
+    """Return what ``module:attribute`` names in this process, ``None`` where it names nothing."""
+    module, _, attribute = target.partition(":")
+    try:
+        found: object = reduce(getattr, attribute.split("."), sys.modules[module])
+    except (KeyError, AttributeError):
+        return None
+    return found
 
 
 def _made(target: str, settings: Mapping[str, object], folder: str) -> Pipeline:

@@ -84,7 +84,7 @@ class FunctionPipeline:
         return PipelineOutput(trajectory, {"num_poses": len(trajectory)})
 
 
-def from_function(function: SlamFunction, nominal: Mapping[str, object], version: str = "") -> FunctionPipeline:
+def from_function(function: SlamFunction, nominal: object, version: str = "") -> FunctionPipeline:
     """Return the pipeline of a function that travels to its processes by value.
 
     Raises
