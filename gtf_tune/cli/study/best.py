@@ -48,11 +48,10 @@ def _facts(found: "Recommendation", unit: "ScoreUnit") -> dict[str, str]:
         facts["nominal"] = _score(nominal, unit) if nominal.feasible else f"infeasible: {nominal.message}"
     if found.trial is not None and found.trial.number:
         facts["best"] = f"{_score(found.trial, unit)} (trial {found.trial.number})"
-    if found.improvement.is_known:
-        facts["change"] = f"{found.improvement.text}, paired"
     facts["why"] = " ".join(found.sentences)
     return facts
 
 
 def _score(trial: "Trial", unit: "ScoreUnit") -> str:
-    return f"{unit.name} {unit.text(trial.value)} {unit.symbol.replace('of extent', 'of the extent')}"
+    symbol = unit.symbol.replace("of extent", "of the extent")
+    return f"{unit.name} {unit.text(trial.value)} {symbol} in the search"

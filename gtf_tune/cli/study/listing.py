@@ -22,22 +22,19 @@ def list_studies(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None
 
     database = open_storage(storage)
     summaries = studies.summaries(database)
-    found = {one.name: _read(database, one) for one in summaries}
-    unreadable = {name: fault for name, fault in found.items() if isinstance(fault, str)}
+    found = [(summary, _read(database, summary)) for summary in summaries]
+    readable = [(summary, read) for summary, read in found if not isinstance(read, str)]
+    for _, fault in found:
+        if isinstance(fault, str):
+            say(f"not listed: {fault}")
     if json:
-        write_json([_as_json(one, found[one.name]) for one in summaries])
-    elif summaries:
-        rows = [_row(one, *read) for one in summaries if not isinstance(read := found[one.name], str)]
-        columns = ["study", "state", ">done/begun", ">nominal", ">best", "unit", ">time"]
-        if rows:
-            write_table(columns, rows)
-    else:
+        write_json([_as_json(summary, read) for summary, read in found])
+    elif not summaries:
         say("no study yet; make one with: gtf-tune study create --help")
-    for fault in unreadable.values():
-        say(f"not listed: {fault}")
-    readable = [one.name for one in summaries if one.name not in unreadable]
-    if readable and not json:
-        say(f"Next: gtf-tune study show {readable[-1]}{storage_flag(database)}")
+    elif readable:
+        columns = ["study", "state", ">done/begun", ">nominal", ">best", "unit", ">time"]
+        write_table(columns, [_row(summary, *read) for summary, read in readable])
+        say(f"Next: gtf-tune study show {readable[-1][0].name}{storage_flag(database)}")
 
 
 def _read(database: "Database", summary: "StudySummary") -> "tuple[ScoreUnit, Recommendation] | str":

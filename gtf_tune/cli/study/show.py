@@ -93,7 +93,7 @@ def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list[
     gtf = definition.gtf
     noise = _noise(definition, study)
     finished = sum(one.count for one in efforts if one.state != "claimed")
-    spared = _spared(definition, efforts)
+    saved = _saved(definition, efforts)
     write_pairs(
         {
             "study": f"{definition.name} ({study.state}, {finished} trials done)",
@@ -104,7 +104,7 @@ def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list[
             "score": gtf.score_text,
             "sampler": f"{definition.search.sampler}, seed {definition.search.seed}",
             "runs": f"{cost.made} made in {duration(cost.made_s)}, {cost.reused} reused, {cost.failed} failed",
-            **({"spared": spared} if spared else {}),
+            **({"saved": saved} if saved else {}),
         }
     )
     write_line("")
@@ -119,17 +119,17 @@ def _noise(definition: "StudyDefinition", study: "Study") -> str:
     return next((f"at {sigma:g} grey levels" for sigma in found.values()), "(the noise is measured first)")
 
 
-def _spared(definition: "StudyDefinition", efforts: list["Effort"]) -> str:
+def _saved(definition: "StudyDefinition", efforts: list["Effort"]) -> str:
     """Return how many runs early stopping saved; nothing before a trial has ended."""
     from gtf_tune.study.scoring.savings import runs_saved
 
-    saved = runs_saved(efforts, definition)
-    if not saved.full:
+    found = runs_saved(efforts, definition)
+    if not found.full:
         return ""
-    ways = {"sizing": saved.by_sizing, "the pruner": saved.by_pruner, "infeasible trials": saved.by_coverage}
+    ways = {"sizing": found.by_sizing, "the pruner": found.by_pruner, "infeasible trials": found.by_coverage}
     listed = ", ".join(f"{count} by {way}" for way, count in ways.items() if count)
     return (
-        f"{listed} ({saved.share:.0%} of {saved.full} runs)" if listed else "no run: every trial took all of its runs"
+        f"{listed} ({found.share:.0%} of {found.full} runs)" if listed else "no run: every trial took all of its runs"
     )
 
 

@@ -163,7 +163,7 @@ def _without_messages() -> Iterator[None]:
 def _history_styles(points: PointSet) -> list[tuple[str, dict[str, object]]]:
     marker = {"color": theme.GTF, "size": 7, "line": {"color": "white", "width": 1}}
     line = {"color": theme.GTF_DARK, "width": 2, "shape": "hv"}
-    return [(points.unit.name, {"marker": marker}), ("best so far", {"line": line, "mode": "lines"})]
+    return [(points.unit.name, {"marker": marker}), ("lowest so far", {"line": line, "mode": "lines"})]
 
 
 def _add_state(drawn: go.Figure, points: PointSet, state: str, style: tuple[str, str]) -> None:

@@ -31,7 +31,7 @@ def _rank(point: TrialPoint) -> tuple[int, float, int]:
 
 
 def _trial_table(points: PointSet, rows: list[TrialPoint], data: StudyData) -> Html:
-    columns = [">trial", "state", f">{points.unit.label}", ">95 % interval", ">against nominal", ">95 % interval"]
+    columns = [">trial", "state", f">{points.unit.label}", ">95 % interval", ">change in the search", ">95 % interval"]
     columns += [*([f">{points.truth_label}"] if points.has_ground_truth else []), ">coverage", ">collapsed", ">time"]
     columns += [f">{option.rpartition('.')[2]}" for option in data.definition.space]
     return markup.table(columns, [_trial_row(point, points, data) for point in rows])

@@ -39,7 +39,8 @@ def verdict_sentences(data: StudyData, facts: VerdictFacts) -> list[str]:
     found = list(facts.recommendation.sentences)
     trial = facts.recommendation.trial
     if math.isfinite(facts.ground_truth) and trial is not None and trial.number:
-        found.append(f"Against ground truth, which the search never saw, its error is {percent(facts.ground_truth)}.")
+        words = data.definition.side_metric.words
+        found.append(f"Ground-truth {words} {percent(facts.ground_truth)} against nominal; the search never saw it.")
     if facts.collapsed > 0:
         found.append(
             f"{share(facts.collapsed)} of its noisy runs collapsed: its reconstructions are fragile under noise."

@@ -177,7 +177,10 @@ class Recommendation:
         }
 
     def _why_adopted(self) -> tuple[str, ...]:
-        return (f"{self.evidence.score} {self.improvement.text} against nominal, on fresh noise.",)
+        verdict = self.evidence.confirmation
+        passed = sum(candidate.passes for candidate in verdict.candidates) if verdict else 0
+        surest = (f"Of {passed} candidates that passed, its improvement is the surest.",) if passed > 1 else ()
+        return (f"{self.evidence.score} {self.improvement.text} against nominal, on fresh noise.", *surest)
 
     def _why_kept(self) -> tuple[str, ...]:
         verdict = self.evidence.confirmation
