@@ -28,7 +28,7 @@ def test_frames_that_nominal_loses_are_warned_of(cli: Cli, room: Path) -> None:
     cli(*CREATE, *AXIS, "-o", "matching.max_ratio=0.3")
     cli("study", "run", "small", "-j", "1")
 
-    assert "warning: on room the nominal setting registers only" in cli("study", "show", "small").err
+    assert "warning: on room the nominal options register only" in cli("study", "show", "small").err
 
 
 def test_a_nominal_setting_that_fails_is_warned_of_with_the_reason(cli: Cli, room: Path) -> None:
@@ -37,7 +37,7 @@ def test_a_nominal_setting_that_fails_is_warned_of_with_the_reason(cli: Cli, roo
 
     said = cli("study", "show", "small").err
 
-    assert "warning: on room the nominal setting gives no trajectory: " in said
+    assert "warning: on room the nominal options give no trajectory: " in said
     assert "registers only" not in said
 
 
@@ -51,7 +51,7 @@ def test_frames_that_noise_costs_are_told_apart_from_those_missing_anyway(cli: C
 
     said = cli("study", "best", "small").err
 
-    assert "noise costs the nominal setting frames (100% without it, 40% in the worst run)" in said
+    assert "noise costs the nominal options frames (100% without it, 40% in the worst run)" in said
     assert "registers only" not in said
 
 

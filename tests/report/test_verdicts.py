@@ -38,9 +38,8 @@ def test_ground_truth_is_mentioned_as_something_that_the_search_never_saw(data: 
     facts = verdict_facts(data)
 
     assert -1 < facts.ground_truth < 0
-    assert f"Ground-truth ATE {100 * facts.ground_truth:+.1f} % against nominal; the search never saw it." in sentences(
-        data
-    )
+    change = f"{100 * facts.ground_truth:+.1f} %"
+    assert f"Ground-truth ATE {change} against nominal; the search never saw it." in sentences(data)
 
 
 def test_a_confirmed_candidate_is_to_be_adopted(own_database: Database, confirm_study: Confirm) -> None:

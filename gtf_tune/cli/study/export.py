@@ -69,7 +69,9 @@ def _choose(database: "Database", study: "Study", number: int | None) -> "Trial"
         return trials.get(database, study.id, number)
     found = recommend(database, study)
     if found.trial is None and found.evidence.best is not None:
-        raise StorageError(f"{found.text} Name a trial to write with --trial N")
+        raise StorageError(
+            f"{found.headline}: see 'gtf-tune study best {study.name}', or name a trial to write with --trial N"
+        )
     trial = require_trial(database, study, found)
     say(found.text)
     say(f"writing trial {trial.number}")

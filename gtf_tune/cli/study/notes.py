@@ -16,7 +16,7 @@ _GOOD_COVERAGE = 0.9
 
 
 def warn_of_lost_frames(database: "Database", study_id: int) -> None:
-    """Say on stderr on which sequences the nominal setting loses frames, without noise or because of it."""
+    """Say on stderr on which sequences the nominal options lose frames, without noise or because of it."""
     from gtf_tune.store import trials
 
     nominal = trials.nominal(database, study_id)
@@ -25,15 +25,15 @@ def warn_of_lost_frames(database: "Database", study_id: int) -> None:
     for name, found in trials.details(database, [nominal.id])[nominal.id]["sequences"].items():
         clean = found["coverage_nominal"]
         if clean == 0:
-            say(f"warning: on {name} the nominal setting gives no trajectory: {nominal.message}")
+            say(f"warning: on {name} the nominal options give no trajectory: {nominal.message}")
         elif clean < _GOOD_COVERAGE:
             say(
-                f"warning: on {name} the nominal setting registers only {clean:.0%} of the frames; look at 'gtf-tune "
+                f"warning: on {name} the nominal options register only {clean:.0%} of the frames; look at 'gtf-tune "
                 "sequence inspect', and give the intrinsics if they are known"
             )
         if found["coverage"] < _GOOD_COVERAGE * clean:
             say(
-                f"warning: on {name} noise costs the nominal setting frames ({clean:.0%} without it, "
+                f"warning: on {name} noise costs the nominal options frames ({clean:.0%} without it, "
                 f"{found['coverage']:.0%} in the worst run), so the score says little; find a weaker noise with "
                 "'gtf-tune noise', and create a new study with --noise-sigma"
             )

@@ -128,9 +128,9 @@ def _saved(definition: "StudyDefinition", efforts: list["Effort"]) -> str:
         return ""
     ways = {"sizing": found.by_sizing, "the pruner": found.by_pruner, "infeasible trials": found.by_coverage}
     listed = ", ".join(f"{count} by {way}" for way, count in ways.items() if count)
-    return (
-        f"{listed} ({found.share:.0%} of {found.full} runs)" if listed else "no run: every trial took all of its runs"
-    )
+    if not listed:
+        return "no run: every trial took all of its runs"
+    return f"{listed} ({found.share:.0%} of {found.full} runs)"
 
 
 def _write_trials(

@@ -314,6 +314,6 @@ PANEL = Panel(
     options_panel,
     (
         "Pink: the score without ground truth, with its 95 % interval. Green: the error against ground truth, "
-        "which the search never sees. Blue: the nominal setting."
+        "which the search never sees. Blue: the nominal options. Star: the trial to use."
     ),
 )

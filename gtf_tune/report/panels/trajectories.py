@@ -134,7 +134,7 @@ PANEL = Panel(
     "Trajectories",
     trajectories_panel,
     (
-        "All runs of the nominal setting and of the recommended one (of the best one before a confirmation), "
+        "All runs of the nominal options and of the recommended ones (of the best so far before a confirmation), "
         "aligned to the first clean run of each; colour is the distance between noisy and clean positions."
     ),
 )

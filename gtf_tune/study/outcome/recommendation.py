@@ -207,8 +207,10 @@ class Recommendation:
         leading = verdict.leading
         if leading is None:
             return ()
-        change = f"{self.evidence.score} {leading.improvement.text}" if leading.improvement.is_known else ""
-        return (f"Trial {leading.number}: {'; '.join(filter(None, [change, *leading.reasons]))}.",)
+        change = f"{self.evidence.score} {leading.improvement.text}; " if leading.improvement.is_known else ""
+        others = len(leading.reasons) - 1
+        more = f" (and {count(others, 'more reason')})" if others > 0 else ""
+        return (f"Trial {leading.number}: {change}{next(iter(leading.reasons), 'not adopted')}{more}.",)
 
     def _why_unconfirmed(self) -> tuple[str, ...]:
         score = self.evidence.score
@@ -233,7 +235,7 @@ class Recommendation:
 def decide(evidence: Evidence, improvement: Improvement = UNKNOWN_IMPROVEMENT) -> Recommendation:
     """Return which trial to use.
 
-    A confirmation counts as long as it adopted a trial or keeps a nominal setting that works: trials that came later do
+    A confirmation counts as long as it adopted a trial or keeps nominal options that work: trials that came later do
     not undo it, they are named beside it. Where it came to nothing, a later best trial is looked at anew.
 
     Parameters
