@@ -125,8 +125,8 @@ def _reading(data: StudyData) -> str:
             f"({gtf.clean_runs} clean runs against {gtf.noisy_runs_text} noisy ones). Smaller is better. It is "
             f"stored as a {_stored_unit(data)}.",
             "- **Intermediate values** are the same number, one noise instance after the other.",
-            f"- **Trial 0** has the nominal options ({nominal_text(data.definition)}), and is what every improvement is "
-            "measured against.",
+            f"- **Trial 0** has the nominal options ({nominal_text(data.definition)}), and is what every improvement "
+            "is measured against.",
             f"- A trial with a value of {infeasible_from:.7g} or more is **infeasible**: a run failed or "
             "registered too few frames; the value is a penalty that keeps samplers away. Switch *Log y scale* on, or "
             "look at the figures instead.",
