@@ -21,13 +21,14 @@ from gtf_tune.execution import FreshStages
 from gtf_tune.pipelines import OptionValue, PipelineJob
 from gtf_tune.pipelines.analytic import AnalyticPipeline, create, imaginary_sequence
 from gtf_tune.pipelines.run import RunKind
-from gtf_tune.study.runs.plan import RunPlanner
-from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.runs.plan import RunPlanner, SeedSource
+from gtf_tune.study.runs.sequence_runs import SequenceRuns
 from gtf_tune.study.scoring.coverage import CoverageFloor
-from gtf_tune.study.scoring.early_stopping import Decision, Sizing, Standing, sizing_of
-from gtf_tune.study.scoring.objective import FinishedRun, SequenceScore, score_sequence
+from gtf_tune.study.scoring.early_stopping import Decision, Sizing, sizing_of
+from gtf_tune.study.scoring.objective import SequenceScore, score_sequence
 from gtf_tune.study.search.samplers import make_sampler
 from gtf_tune.study.search.space import SearchSpace, build_space
+from gtf_tune.trajectory import Trajectory
 
 SEQUENCE = imaginary_sequence(50)
 _SIGMA = 5.0
@@ -101,26 +102,21 @@ class BareStudy:
 
     def _score(self, number: int, options: Mapping[str, OptionValue]) -> tuple[SequenceScore, Decision]:
         clean = [self._run(options, ("clean", index)) for index in range(self.definition.gtf.clean_runs)]
-        coverage = min(len(run.trajectory) for run in clean) / len(SEQUENCE)
+        coverage = min(map(len, clean)) / len(SEQUENCE)
         if number == 0:
             self.floor = self.definition.gtf.coverage_floor * coverage
-        noisy: list[FinishedRun] = []
+        noisy: list[Trajectory] = []
         decision = Decision(self.sizing.first(is_nominal=number == 0))
         score = SequenceScore(None, coverage, self.floor - coverage)
         while coverage >= self.floor and len(noisy) < decision.noisy_runs:
             noisy += [self._run(options, ("noisy", index)) for index in range(len(noisy), decision.noisy_runs)]
-            score = score_sequence(
-                clean,
-                noisy,
-                num_frames=len(SEQUENCE),
-                floor=CoverageFloor(self.floor, self.floor),
-                gtf=self.definition.gtf,
-            )
+            runs = SequenceRuns(tuple(clean), tuple(noisy), len(SEQUENCE))
+            score = score_sequence(runs, CoverageFloor(self.floor, self.floor), self.definition.gtf)
             own = score.score.instance_values.tolist() if score.score and score.feasible else []
-            decision = self.sizing.next(Standing(own, self.incumbent))
+            decision = self.sizing.next(own, self.incumbent)
         return score, decision
 
-    def _run(self, options: Mapping[str, OptionValue], run: tuple[RunKind, int]) -> FinishedRun:
+    def _run(self, options: Mapping[str, OptionValue], run: tuple[RunKind, int]) -> Trajectory:
         self.runs += 1
         request = self.planner.request(SEQUENCE, options, run, sigma=_SIGMA, number=0)
         job = PipelineJob(
@@ -132,7 +128,7 @@ class BareStudy:
             workspace=Path(tempfile.gettempdir()),
             stages=_NO_STAGES,
         )
-        return FinishedRun(self.pipeline.run(job).trajectory)
+        return self.pipeline.run(job).trajectory
 
 
 with FreshStages().open(Path(tempfile.gettempdir())) as _stages:

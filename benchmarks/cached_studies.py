@@ -17,8 +17,7 @@ from gtf_tune.gtf import GtfSettings, gtf_score
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
 from gtf_tune.sequence import Sequence as ImageSequence
-from gtf_tune.study.runs.plan import RunPlanner, run_order
-from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
 from gtf_tune.trajectory import to_bytes
 
 LIMITS = RunLimits(timeout_s=900.0, memory_bytes=8 * 2**30)

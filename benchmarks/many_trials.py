@@ -16,9 +16,9 @@ from benchmarks.section import Aim, Effort, Section, median
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.store.database import create_database, open_database
 from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.events import Event, TrialFinished, TrialStarted
 from gtf_tune.study.open_study import open_study
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
-from gtf_tune.study.work.callbacks import Silent, TrialEnd
 from gtf_tune.study.work.worker import StudyWorker
 
 NAME = "many"
@@ -50,16 +50,18 @@ class Cost:
     memory_bytes: int
 
 
-class StopAfterTrials(Silent):
-    """Ask to stop after so many trials."""
+class StopAfterTrials:
+    """Ask to stop after so many trials, and note when each began."""
 
     def __init__(self, count: int) -> None:
         self.stop = StopRequest()
         self.left = count
+        self.times: list[float] = []
 
-    def trial_finished(self, end: TrialEnd) -> None:
-        del end
-        self.left -= 1
+    def on_event(self, event: Event) -> None:
+        if isinstance(event, TrialStarted):
+            self.times.append(time.perf_counter())
+        self.left -= isinstance(event, TrialFinished)
         if self.left <= 0:
             self.stop.ask(FINISH_RUNS)
 
@@ -130,18 +132,16 @@ def make_base(folder: Path) -> Path:
 def next_trial_s(path: Path) -> float:
     """Return the wall time of one more trial, after one that reads the study into Optuna's cache."""
     database = open_database(str(path))
-    listener = StopAfterTrials(4)
-    times: list[float] = []
-    listener.trial_started = lambda *_: times.append(time.perf_counter())  # type: ignore[method-assign]
-    StudyWorker(open_study(database, NAME), InlineExecutor(), listener.stop, listener).work()
+    stopping = StopAfterTrials(4)
+    StudyWorker(open_study(database, NAME), InlineExecutor(), stopping.stop, [stopping.on_event]).work()
     database.close()
-    return median([after - before for before, after in pairwise(times)])
+    return median([after - before for before, after in pairwise(stopping.times)])
 
 
 def _work(path: Path, trials: int) -> None:
     database = open_database(str(path))
-    listener = StopAfterTrials(trials)
-    StudyWorker(open_study(database, NAME), InlineExecutor(), listener.stop, listener).work()
+    stopping = StopAfterTrials(trials)
+    StudyWorker(open_study(database, NAME), InlineExecutor(), stopping.stop, [stopping.on_event]).work()
     database.close()
 
 

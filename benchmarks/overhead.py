@@ -12,27 +12,27 @@ from benchmarks.section import Aim, Effort, Section
 from gtf_tune.execution import LocalExecutor, StageCache
 from gtf_tune.sequence import Sequence
 from gtf_tune.store.database import create_database
-from gtf_tune.store.runs import StoredRun
 from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.events import Event, RunFinished, ignore
 from gtf_tune.study.open_study import open_study
-from gtf_tune.study.runs.run_source import RunSlot
-from gtf_tune.study.work.callbacks import Silent
 from gtf_tune.study.work.worker import StudyWorker
 
 AIM_MS = 50.0
 AIM_SHARE = 0.02
 
 
-class RunTimes(Silent):
-    """Add up what runs took, in their process and inside the pipeline's own stages."""
+class RunTimes:
+    """Sums of what runs took, in their process and inside the pipeline's own stages."""
 
     def __init__(self) -> None:
         self.runs = 0
         self.in_process_s = 0.0
         self.in_stages_s = 0.0
 
-    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
-        del slot, reused
+    def on_event(self, event: Event) -> None:
+        if not isinstance(event, RunFinished):
+            return
+        run = event.run.stored
         self.runs += 1
         self.in_process_s += run.wall_s
         stages = [float(value) for name, value in run.diagnostics.items() if name.endswith("_s")]
@@ -95,13 +95,13 @@ def time_study(folder: Path, definition: Mapping[str, Any], trials: int) -> Stud
     database = create_database(str(folder / f"{definition['name']}.db"))
     times = RunTimes()
     with LocalExecutor(stages=StageCache(folder / "cache"), scratch=folder / "scratch") as executor:
-        studies = (("warm-up", 1, Silent()), (definition["name"], trials, times))
-        for seed, (name, count, listener) in enumerate(studies):  # other seeds, so that no run is there already
+        studies = (("warm-up", 1, ignore), (definition["name"], trials, times.on_event))
+        for seed, (name, count, callback) in enumerate(studies):  # other seeds, so that no run is there already
             data = {**definition, "name": name, "search": {"sampler": "tpe", "trials": count, "seed": seed}}
             create_study(database, checked_definition(data, name), folder)
             study = open_study(database, name)
             began = time.perf_counter()
-            StudyWorker(study, executor, listener=listener).work()
+            StudyWorker(study, executor, callbacks=[callback]).work()
             wall_s = time.perf_counter() - began
     database.close()
     return StudyTime(times.runs, wall_s, times.in_process_s, times.in_stages_s)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.section import Effort, Section
-from gtf_tune.study.scoring.early_stopping import SIGNIFICANCE, AdaptiveSizing, Sizing, Standing
+from gtf_tune.study.scoring.early_stopping import SIGNIFICANCE, AdaptiveSizing, Sizing
 
 SHARED, OWN = 0.5, 0.1
 COLLAPSE_RATE, COLLAPSE_FACTOR = 0.05, 50.0
@@ -43,7 +43,7 @@ def race(sizing: Sizing, change: float, collapse_rate: float, generator: np.rand
     own = np.where(generator.random(most) < collapse_rate, COLLAPSE_FACTOR * own, own)
     count = sizing.first(is_nominal=False)
     while True:
-        decision = sizing.next(Standing(own[:count].tolist(), incumbent.tolist()))
+        decision = sizing.next(own[:count].tolist(), incumbent.tolist())
         if decision.noisy_runs <= count:
             return decision.hopeless, count
         count = decision.noisy_runs

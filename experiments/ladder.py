@@ -20,9 +20,8 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.study.noise.choice import NoiseScale
 from gtf_tune.study.noise.ladder import NoiseProbe, ObtainRuns, stored_runs
-from gtf_tune.study.runs.run_source import RunSlot, RunSource, run_limits
-from gtf_tune.study.scoring.objective import FinishedRun
-from gtf_tune.study.work.callbacks import Silent
+from gtf_tune.study.runs.run_source import RunSource, run_limits
+from gtf_tune.study.runs.sequence_runs import SequenceRuns, sequence_runs
 from gtf_tune.trajectory import Trajectory
 
 SEQUENCES = (ROOM, "dtu-scan24", "fountain-P11", "hut", "kitti07", "kitti06")
@@ -68,7 +67,7 @@ def ladder_of(sequence: str, scale: NoiseScale, true_ates: Sequence[float]) -> L
 def run_ladder(bench: Bench, name: str) -> None:
     """Measure the ladder of a sequence; finished runs are kept."""
     with local_executor(bench.jobs) as executor:
-        source = RunSource(bench.database, executor, run_limits(LimitsDefinition()), bench.stop, Silent())
+        source = RunSource(bench.database, executor, run_limits(LimitsDefinition()), bench.stop)
         _probe().measure(_frames_of(name, bench.folders), stored_runs(source))
 
 
@@ -96,14 +95,15 @@ def _probe() -> NoiseProbe:
 
 
 def _only_stored(database: Database, seen: list[list[Trajectory]]) -> ObtainRuns:
-    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, FinishedRun]:
-        keys = {slot: request.key for slot, request in requests.items()}
-        stored = runs.find(database, list(keys.values()))
+    def obtain(requests: Sequence[RunRequest]) -> SequenceRuns:
+        keys = [request.key for request in requests]
+        stored = runs.find(database, keys)
         if len(stored) < len(keys):
             raise NotMeasuredError
-        found = trajectories(database, list(keys.values()))
-        seen.append([found[key] for key in keys.values()])
-        return {slot: FinishedRun(found[key], stored[key].error) for slot, key in keys.items()}
+        found = trajectories(database, keys)
+        seen.append([found[key] for key in keys])
+        made = ((request.kind, found[key], stored[key].error) for request, key in zip(requests, keys, strict=True))
+        return sequence_runs(made, len(requests[0].sequence))
 
     return obtain
 

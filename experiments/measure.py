@@ -17,7 +17,6 @@ from gtf_tune.study.open_study import open_study
 from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
 from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
 from gtf_tune.study.runs.stop import StopRequest
-from gtf_tune.study.work.callbacks import Silent
 from gtf_tune.study.work.worker import StudyWorker
 from gtf_tune.trajectory import Trajectory
 
@@ -88,4 +87,4 @@ def confirm_study(bench: Bench, name: str, noisy_runs: int) -> None:
     plan = plan_confirmation(study, {}, top=TOP, noisy_runs=noisy_runs)
     with local_executor(bench.jobs) as executor:
         limits = run_limits(study.definition.limits)
-        confirm(study, plan, RunSource(bench.database, executor, limits, bench.stop, Silent()))
+        confirm(study, plan, RunSource(bench.database, executor, limits, bench.stop))

@@ -1,7 +1,7 @@
 """Serve the open studies of a storage from this machine."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,12 +15,9 @@ from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE, Places, TrialParallel,
 from gtf_tune.cli.terminal.console import chosen_noise, say, tried_noise
 
 if TYPE_CHECKING:
-    from gtf_tune.pipelines import OptionValue
     from gtf_tune.store.database import Database
-    from gtf_tune.store.runs import StoredRun
+    from gtf_tune.study.events import Event
     from gtf_tune.study.open_study import OpenStudy
-    from gtf_tune.study.runs.run_source import RunSlot
-    from gtf_tune.study.work.callbacks import TrialEnd
     from gtf_tune.study.work.server import WorkerRules
 
 Names = Annotated[list[str] | None, typer.Option("--study", metavar="NAME", help="Serve this study only; repeatable.")]
@@ -78,12 +75,12 @@ def worker(
     ):
         database = wait_for_storage(storage)
         _announce_closed(database, rules)
-        server = WorkerLoop(database, runs_on, rules, stop, say, _Lines, with_remedy)
-        server.run()
+        loop = WorkerLoop(database, runs_on, rules, stop, say, _lines, with_remedy)
+        loop.run()
     if stop.level:
         say("stopped; finished runs are kept")
         raise typer.Exit(INTERRUPTED_EXIT_CODE)
-    left = server.left_to_others()
+    left = loop.left_to_others()
     for one in left:
         count = "the trials" if one.trials is None else f"{one.trials} trial{'s' if one.trials > 1 else ''}"
         say(f"left {count} of study '{one.name}' to other workers: {one.reason}")
@@ -107,34 +104,32 @@ def _announce_closed(database: "Database", rules: "WorkerRules") -> None:
             say(f"study '{name}' is {state}; open it with: gtf-tune study resume {name}{storage_flag(database)}")
 
 
-class _Lines:
-    """Print one line for each trial, since a worker's output is read in log files."""
+def _lines(study: "OpenStudy") -> "Callable[[Event], None]":
+    """Return what prints a line for each trial, since a worker's output is read in log files."""
+    from gtf_tune.display import definition_unit
+    from gtf_tune.study.events import NoiseChosen, NoiseStarted, RunFinished, TrialFinished, TrialStarted
 
-    def __init__(self, study: "OpenStudy") -> None:
-        from gtf_tune.display import definition_unit
+    unit = definition_unit(study.definition)
 
-        self._name = study.definition.name
-        self._unit = definition_unit(study.definition)
+    def line(event: "Event") -> str:
+        match event:
+            case TrialStarted(number):
+                return f"trial {number} begins"
+            case RunFinished(run) if run.stored.error and not run.reused:
+                request = run.request
+                return f"{request.kind} run {request.index} on {request.sequence.name} failed: {run.stored.error}"
+            case NoiseStarted(sequence, sigma, runs):
+                return tried_noise(sequence, sigma, runs)
+            case NoiseChosen(sequence, sigma, reason):
+                return chosen_noise(sequence, sigma, reason)
+            case TrialFinished(number, _, result):
+                found = unit.told(result.value) if result.feasible else f"infeasible, {result.message}"
+                return f"trial {number} is done: {found}"
+        return ""
 
-    def trial_started(self, number: int, options: Mapping[str, "OptionValue"], planned_runs: int) -> None:
-        """Say which trial begins."""
-        del options, planned_runs
-        say(f"{self._name}: trial {number} begins")
+    def write(event: "Event") -> None:
+        text = line(event)
+        if text:
+            say(f"{study.definition.name}: {text}")
 
-    def run_finished(self, slot: "RunSlot", run: "StoredRun", *, reused: bool) -> None:
-        """Say which run failed, and why."""
-        if run.error and not reused:
-            say(f"{self._name}: {slot.kind} run {slot.index} on {slot.sequence} failed: {run.error}")
-
-    def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
-        """Say which noise is tried."""
-        say(f"{self._name}: {tried_noise(sequence, sigma, planned_runs)}")
-
-    def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
-        """Say which noise was chosen."""
-        say(f"{self._name}: {chosen_noise(sequence, sigma, reason)}")
-
-    def trial_finished(self, end: "TrialEnd") -> None:
-        """Say how a trial ended."""
-        found = self._unit.told(end.score.value) if end.score.feasible else f"infeasible, {end.score.message}"
-        say(f"{self._name}: trial {end.number} is done: {found}")
+    return write

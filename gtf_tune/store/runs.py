@@ -17,7 +17,7 @@ from gtf_tune.store.database.session import read, read_rows, write
 
 @dataclass(frozen=True)
 class StoredRun:
-    """Hold a stored run without its trajectory (see `gtf_tune.store.trajectories`) and log (see `log`)."""
+    """Stored run without its trajectory (see `gtf_tune.store.trajectories`) and log (see `log`)."""
 
     id: int
     key: str
@@ -51,28 +51,21 @@ class StoredRun:
 
 
 @dataclass(frozen=True)
-class RunUse:
-    """Say that a trial uses a run for one sequence; ``reused`` where the run was stored before the trial asked."""
-
-    sequence_name: str
-    run: StoredRun
-    reused: bool
-
-
-@dataclass(frozen=True)
 class TrialRun:
-    """Hold one run of one trial."""
+    """Run that the trial of this number uses for one sequence.
 
-    trial_id: int
+    ``reused`` is true where the run was stored before the trial asked for it.
+    """
+
     number: int
     sequence_name: str
-    reused: bool
     run: StoredRun
+    reused: bool
 
 
 @dataclass(frozen=True)
 class RunTotals:
-    """Hold the cost of a study: runs that were made for it, runs that were there already, seconds of those made."""
+    """Cost of a study: runs that were made for it, runs that were there already, seconds of those made."""
 
     made: int
     reused: int
@@ -150,8 +143,8 @@ def _one(session: Session, key: str) -> StoredRun:
     return StoredRun(*session.execute(select(*columns_of(models.Run, StoredRun)).where(models.Run.key == key)).one())
 
 
-def link(database: Database, trial_id: int, uses: Sequence[RunUse]) -> None:
-    """Note which runs a trial uses; doing so again keeps who made them."""
+def link(database: Database, trial_id: int, uses: Sequence[TrialRun]) -> None:
+    """Store which runs a trial uses; doing so again does not change which of them it reused."""
 
     def work(session: Session) -> None:
         query = select(models.TrialRun).where(models.TrialRun.trial_id == trial_id)
@@ -166,7 +159,7 @@ def link(database: Database, trial_id: int, uses: Sequence[RunUse]) -> None:
     write(database, work)
 
 
-def _link_row(trial_id: int, use: RunUse) -> models.TrialRun:
+def _link_row(trial_id: int, use: TrialRun) -> models.TrialRun:
     return models.TrialRun(
         trial_id=trial_id,
         sequence_name=use.sequence_name,
@@ -209,13 +202,13 @@ def totals(database: Database, study_id: int) -> RunTotals:
 def _linked(database: Database, condition: Any) -> list[TrialRun]:
     link_, trial = models.TrialRun, models.Trial
     query = (
-        select(trial.id, trial.number, link_.sequence_name, link_.reused, *columns_of(models.Run, StoredRun))
+        select(trial.number, link_.sequence_name, link_.reused, *columns_of(models.Run, StoredRun))
         .join(link_, link_.trial_id == trial.id)
         .join(models.Run, models.Run.id == link_.run_id)
         .where(condition)
         .order_by(trial.number, link_.sequence_name, link_.kind, link_.index)
     )
-    return [TrialRun(row[0], row[1], row[2], row[3], StoredRun(*row[4:])) for row in read_rows(database, query)]
+    return [TrialRun(row[0], row[1], StoredRun(*row[3:]), row[2]) for row in read_rows(database, query)]
 
 
 def log(database: Database, key: str) -> str:

@@ -1,4 +1,4 @@
-"""Score one setting on one sequence, without a study and without a database."""
+"""Score one configuration on one sequence, without a study and without a database."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -9,21 +9,22 @@ from gtf_tune.definition import GtfDefinition, LimitsDefinition, SideMetricDefin
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue, Pipeline
+from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.sequence import Sequence
 from gtf_tune.study.ground_truth.errors import side_metric
 from gtf_tune.study.noise.ladder import NoiseProbe, fresh_runs
-from gtf_tune.study.runs.plan import RunPlanner, run_order
+from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
 from gtf_tune.study.runs.run_source import run_limits
-from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.runs.sequence_runs import SequenceRuns
 from gtf_tune.study.scoring.coverage import least_floor
-from gtf_tune.study.scoring.objective import FinishedRun, SequenceScore, score_sequence
+from gtf_tune.study.scoring.objective import SequenceScore, score_sequence
 
 
 @dataclass(frozen=True)
 class Setting:
-    """Hold what is scored: a pipeline, its options, how the score is formed, the seed and the limits of a run.
+    """What is scored: a pipeline, its options, how the score is formed, the seed and the limits of a run.
 
-    ``side_metric`` is the error against ground truth that is told beside the score.
+    ``side_metric`` is the error against ground truth that is shown beside the score.
     """
 
     pipeline: Pipeline
@@ -36,7 +37,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Hold the score of a setting on a sequence; ``side_metric`` is NaN without ground truth."""
+    """Score of a setting on a sequence; ``side_metric`` is NaN without ground truth."""
 
     score: SequenceScore
     side_metric: float
@@ -62,7 +63,7 @@ class Evaluation:
 def evaluate_setting(
     setting: Setting, sequence: Sequence, executor: Executor, on_run: Callable[[str], None] = lambda _: None
 ) -> Evaluation:
-    """Return the score of a setting; ``on_run`` hears a sentence for every run that ended.
+    """Return the score of a setting; ``on_run`` gets a sentence for every run that ended.
 
     A setting is infeasible here only if fewer than four frames are registered: there is no nominal run to compare with.
     """
@@ -75,25 +76,21 @@ def evaluate_setting(
         probe = NoiseProbe(setting.pipeline, setting.options, gtf, setting.seed, whole=False)
         sigma, reason = probe.choose(sequence, fresh_runs(executor, limits))
         on_run(f"noise of {sequence.name}: {sigma:g} grey levels ({reason})")
-    futures = {
-        run: executor.submit(planner.request(sequence, setting.options, run, sigma=sigma, number=0), limits)
-        for run in order
-    }
-    finished: dict[tuple[str, int], FinishedRun] = {}
-    for (kind, index), future in futures.items():
-        outcome = future.result()
-        finished[kind, index] = FinishedRun(outcome.trajectory, outcome.error)
-        on_run(f"{kind} run {index}: {outcome.error or f'{len(outcome.trajectory)} frames, {outcome.wall_s:.1f} s'}")
-    clean = [run for (kind, _), run in finished.items() if kind == "clean"]
-    noisy = [run for (kind, _), run in finished.items() if kind == "noisy"]
-    score = score_sequence(clean, noisy, num_frames=len(sequence), floor=least_floor(len(sequence)), gtf=gtf)
-    return Evaluation(score, _true_error(sequence, clean, setting.side_metric), setting.side_metric)
+    requests = [planner.request(sequence, setting.options, run, sigma=sigma, number=0) for run in order]
+
+    def describe(request: RunRequest, outcome: RunOutcome) -> None:
+        found = outcome.error or f"{len(outcome.trajectory)} frames, {outcome.wall_s:.1f} s"
+        on_run(f"{request.kind} run {request.index}: {found}")
+
+    runs = fresh_runs(executor, limits, describe)(requests)
+    score = score_sequence(runs, least_floor(len(sequence)), gtf)
+    return Evaluation(score, _true_error(sequence, runs, setting.side_metric), setting.side_metric)
 
 
-def _true_error(sequence: Sequence, clean: list[FinishedRun], definition: SideMetricDefinition) -> float:
+def _true_error(sequence: Sequence, runs: SequenceRuns, definition: SideMetricDefinition) -> float:
     if sequence.ground_truth is None:
         return math.nan
     try:
-        return side_metric(sequence.ground_truth, [run.trajectory for run in clean], definition).value
+        return side_metric(sequence.ground_truth, runs.clean, definition).value
     except TrajectoryError:
         return math.nan

@@ -29,7 +29,7 @@ from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, tr
 from gtf_tune.store.database import Database, create_database, open_database
 from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.store.runs import RunUse
+from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
 from gtf_tune.store.trial_queue import TrialLease, TrialResult
 from gtf_tune.store.workers import this_worker
@@ -193,7 +193,9 @@ class _Writer:
         faults = {INFEASIBLE: "infeasible", PRUNED: "pruned", FAILED: "failed"} if self.scene.with_faults else {}
         return faults.get(number, "complete")
 
-    def _uses(self, lease: TrialLease, options: Mapping[str, Any], state: str) -> list[tuple[str, RunUse, Trajectory]]:
+    def _uses(
+        self, lease: TrialLease, options: Mapping[str, Any], state: str
+    ) -> list[tuple[str, TrialRun, Trajectory]]:
         uses = []
         for name in self.scene.sequences:
             for kind, count in (("clean", CLEAN), ("noisy", NOISY)):
@@ -202,10 +204,16 @@ class _Writer:
                     number = lease.number * (CLEAN + NOISY) + index + (CLEAN if kind == "noisy" else 0)
                     outcome = _outcome(request, number, fails=state == "infeasible" and kind == "noisy" and index > 1)
                     stored = runs.save(self.database, request, outcome)
-                    uses.append((name, RunUse(name, stored, lease.number == 2 and kind == "clean"), outcome.trajectory))
+                    uses.append(
+                        (
+                            name,
+                            TrialRun(lease.number, name, stored, lease.number == 2 and kind == "clean"),
+                            outcome.trajectory,
+                        )
+                    )
         return uses
 
-    def _result(self, lease: TrialLease, uses: list[tuple[str, RunUse, Trajectory]], state: str) -> TrialResult:
+    def _result(self, lease: TrialLease, uses: list[tuple[str, TrialRun, Trajectory]], state: str) -> TrialResult:
         if state == "failed":
             return TrialResult("failed", message="the database went away", wall_s=1.0)
         scores = {name: _score(uses, name) for name in self.scene.sequences}
@@ -254,7 +262,7 @@ class _Writer:
         number = storage.get_trial(trial_id).number
         trial_queue.attach_optuna_trial(self.database, lease, trial_id, number, options)
 
-    def _validate(self, lease: TrialLease, uses: list[tuple[str, RunUse, Trajectory]]) -> None:
+    def _validate(self, lease: TrialLease, uses: list[tuple[str, TrialRun, Trajectory]]) -> None:
         found = []
         for name in self.scene.sequences:
             clean = [run for of, use, run in uses if of == name and use.run.kind == "clean" and len(run) >= MIN_MATCHED]
@@ -292,7 +300,7 @@ def _outcome(request: RunRequest, number: int, *, fails: bool) -> RunOutcome:
     return RunOutcome("ok", trajectory, diagnostics={**stages, **reprojection}, **common)
 
 
-def _score(uses: list[tuple[str, RunUse, Trajectory]], sequence: str) -> GtfScore:
+def _score(uses: list[tuple[str, TrialRun, Trajectory]], sequence: str) -> GtfScore:
     mine = [(use, trajectory) for name, use, trajectory in uses if name == sequence]
     clean, noisy = ([one for use, one in mine if use.run.kind == kind] for kind in ("clean", "noisy"))
     return gtf_score(clean, noisy, GtfSettings(), FRAMES)

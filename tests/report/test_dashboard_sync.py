@@ -4,7 +4,6 @@ import json
 import sqlite3
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -20,13 +19,14 @@ from gtf_tune.report.study_data import read_search, read_trials
 from gtf_tune.store import trials
 from gtf_tune.store.database import Database, connect
 from gtf_tune.store.optuna.tables import optuna_storage
+from gtf_tune.store.trial_queue import TrialResult
+from gtf_tune.study.events import TrialFinished
 
 STUDY_ID = 1
 
 
-@dataclass
-class End:
-    number: int
+def end(number: int) -> TrialFinished:
+    return TrialFinished(number, {}, TrialResult("complete"))
 
 
 @pytest.fixture
@@ -63,8 +63,8 @@ def trial_files(database: Database, number: int) -> dict[str, bytes]:
     return files(database, f"dashboard:artifacts:{trials.get(database, STUDY_ID, number).optuna_trial_id}:")
 
 
-def test_a_finished_trial_gets_its_note_and_its_files(own_database: Database, synced: DashboardSync) -> None:
-    synced.trial_finished(End(3))
+def test_a_trial_that_has_finished_gets_its_note_and_its_files(own_database: Database, synced: DashboardSync) -> None:
+    synced.on_event(end(3))
 
     found = trial_files(own_database, 3)
     rows = list(csv.DictReader(io.StringIO(found["matrix.csv"].decode())))
@@ -92,7 +92,7 @@ def test_a_trial_with_failed_runs_shows_their_reason_and_their_log(
 
 
 def test_a_study_gets_its_note_its_figures_and_its_files(own_database: Database, synced: DashboardSync) -> None:
-    synced.study_started()
+    synced.bring_up_to_date()
 
     assert "# Trial 3 is the best so far; not confirmed yet" in notes_of_study(own_database)
     found = figures(own_database)
@@ -141,13 +141,15 @@ def test_a_note_that_a_user_began_is_kept_below(own_database: Database) -> None:
     assert note.endswith(f"{notes.KEPT_BELOW}\n\nMine.")
 
 
-def test_figures_are_not_written_after_every_trial(own_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_written_again_a_short_time_after_the_last_time(
+    own_database: Database, monkeypatch: pytest.MonkeyPatch
+) -> None:
     written: list[int] = []
     monkeypatch.setattr(DashboardSync, "write_study", lambda self: written.append(1))
     synced = DashboardSync(own_database, "synthetic", refresh_s=1e6)
 
     for number in (1, 2, 3):
-        synced.trial_finished(End(number))
+        synced.on_event(end(number))
 
     assert written == [1]
 
@@ -176,8 +178,8 @@ def test_a_fault_is_one_warning_and_never_an_error(own_database: Database, monke
     monkeypatch.setattr(attachments, "key_figures", lambda data: 1 / 0)
     synced = DashboardSync(own_database, "synthetic", warn=warnings.append, refresh_s=0.0)
 
-    synced.study_started()
-    synced.trial_finished(End(3))
+    synced.bring_up_to_date()
+    synced.on_event(end(3))
     synced.bring_up_to_date()
 
     assert len(warnings) == 1
@@ -190,7 +192,7 @@ def test_a_fault_of_the_database_is_one_line(own_database: Database, monkeypatch
 
     warnings: list[str] = []
     monkeypatch.setattr(attachments, "key_figures", refuse)
-    DashboardSync(own_database, "synthetic", warn=warnings.append, refresh_s=0.0).study_started()
+    DashboardSync(own_database, "synthetic", warn=warnings.append, refresh_s=0.0).bring_up_to_date()
 
     assert "refused a request: went away; run" in warnings[0]
     assert "\n" not in warnings[0]
@@ -202,7 +204,7 @@ def test_a_folder_that_cannot_be_made_is_a_warning(own_database: Database, tmp_p
     (tmp_path / "file").write_text("")
     synced = DashboardSync(own_database, "synthetic", artifacts=tmp_path / "file", warn=warnings.append)
 
-    synced.trial_finished(End(3))
+    synced.on_event(end(3))
 
     assert len(warnings) == 1
 
@@ -244,7 +246,7 @@ def test_turns_are_kept_on_a_server_too(make_storage: Callable[[str, bool], str]
 
 def test_workers_that_write_side_by_side_leave_whole_figures(own_database: Database) -> None:
     workers = [DashboardSync(own_database, "synthetic", refresh_s=0.0) for _ in range(3)]
-    threads = [threading.Thread(target=one.trial_finished, args=(End(number),)) for number, one in enumerate(workers)]
+    threads = [threading.Thread(target=one.on_event, args=(end(number),)) for number, one in enumerate(workers)]
 
     for one in threads:
         one.start()

@@ -10,7 +10,7 @@ from gtf_tune.store.database import Database, open_database
 from gtf_tune.store.database.schema import REVISIONS
 from gtf_tune.store.maintenance.check import check
 from gtf_tune.store.optuna.tables import delete_optuna_study, optuna_storage
-from gtf_tune.store.runs import RunUse
+from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trial_queue import TrialResult
 from gtf_tune.store.workers import this_worker
@@ -32,7 +32,7 @@ def used(
     optuna_id = storage.create_new_trial(study.optuna_study_id)
     trial_queue.attach_optuna_trial(database, lease, optuna_id, 0, {})
     saved = runs.save(database, make_request(), make_outcome())
-    runs.link(database, lease.trial_id, [RunUse("desk", saved, reused=False)])
+    runs.link(database, lease.trial_id, [TrialRun(0, "desk", saved, reused=False)])
     trial_queue.finish(database, lease, TrialResult("complete", value=0.5, feasible=True))
     storage.set_trial_state_values(optuna_id, TrialState.COMPLETE, [0.5])
     return database

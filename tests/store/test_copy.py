@@ -15,7 +15,7 @@ from gtf_tune.store.maintenance.copy import copy_study
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna import copy
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.store.runs import RunUse
+from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trial_queue import TrialResult
@@ -49,7 +49,7 @@ def fill(
             frozen = _optuna_trial(database, study, number)
             trial_queue.attach_optuna_trial(database, lease, frozen._trial_id, frozen.number, {"a.b": 0.1 * number})
             saved = runs.save(database, make_request("noisy", number), make_outcome(number))
-            runs.link(database, lease.trial_id, [RunUse("desk", saved, reused=number > 1)])
+            runs.link(database, lease.trial_id, [TrialRun(0, "desk", saved, reused=number > 1)])
             ground_truth_errors.save(database, lease.trial_id, [Validation("desk", 0.1 / 3)])
             if number < 2:
                 trial_queue.finish(

@@ -12,7 +12,7 @@ from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.store import runs, trial_queue
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.columns import Json, Words
-from gtf_tune.store.runs import RunTotals, RunUse
+from gtf_tune.store.runs import RunTotals, TrialRun
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trajectories import digest_of, trajectories
 from gtf_tune.store.workers import this_worker
@@ -91,8 +91,8 @@ def test_linking_again_keeps_who_made_a_run(
     assert lease is not None
     made = [runs.save(database, make_request(kind, 0), make_outcome()) for kind in ("clean", "noisy")]
 
-    runs.link(database, lease.trial_id, [RunUse("desk", made[0], reused=False)])
-    runs.link(database, lease.trial_id, [RunUse("desk", one, reused=True) for one in made])
+    runs.link(database, lease.trial_id, [TrialRun(0, "desk", made[0], reused=False)])
+    runs.link(database, lease.trial_id, [TrialRun(0, "desk", one, reused=True) for one in made])
 
     linked = runs.of_trial(database, lease.trial_id)
     assert linked == runs.of_study(database, study.id)
@@ -110,7 +110,7 @@ def test_totals_count_what_a_study_made_and_reused(
     assert lease is not None
     for index, status in enumerate(["ok", "failed", "ok"]):
         saved = runs.save(database, make_request("noisy", index), make_outcome(status=status, wall_s=1.0 + index))
-        runs.link(database, lease.trial_id, [RunUse("desk", saved, reused=index == 2)])
+        runs.link(database, lease.trial_id, [TrialRun(0, "desk", saved, reused=index == 2)])
     assert runs.totals(database, study.id) == RunTotals(2, 1, 1, 3.0, 3.0)
 
 

@@ -10,7 +10,7 @@ from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, tr
 from gtf_tune.store.database import Database
 from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.store.runs import RunUse, StoredRun
+from gtf_tune.store.runs import StoredRun, TrialRun
 from gtf_tune.store.studies import NewStudy, Study
 from gtf_tune.store.trial_queue import TrialResult
 from gtf_tune.store.workers import this_worker
@@ -151,8 +151,8 @@ def test_deleting_a_study_keeps_the_runs_that_another_uses(
     mine, shared = two_runs
     gone, kept = make_study(database, "gone"), make_study(database, "kept")
     trial_id = run_trial(database, gone, 0.5)
-    runs.link(database, trial_id, [RunUse("desk", one, reused=False) for one in (mine, shared)])
-    runs.link(database, run_trial(database, kept, 0.5), [RunUse("desk", shared, reused=True)])
+    runs.link(database, trial_id, [TrialRun(0, "desk", one, reused=False) for one in (mine, shared)])
+    runs.link(database, run_trial(database, kept, 0.5), [TrialRun(0, "desk", shared, reused=True)])
     ground_truth_errors.save(database, trial_id, [Validation("desk", 0.1)])
 
     studies.delete_study(database, "gone")

@@ -1,20 +1,18 @@
-"""Interrupt studies after a number of runs."""
+"""Interrupt a study after some of its runs."""
 
-from gtf_tune.store.runs import StoredRun
-from gtf_tune.study.runs.run_source import RunSlot
+from gtf_tune.study.events import Event, RunFinished
 from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
-from gtf_tune.study.work.callbacks import Silent
 
 
-class StopAfter(Silent):
+class StopAfter:
     """Ask to stop at once after so many runs that were not there before."""
 
     def __init__(self, count: int) -> None:
         self.stop = StopRequest()
         self.left = count
 
-    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
-        del slot, run
-        self.left -= not reused
-        if self.left <= 0:
-            self.stop.ask(STOP_NOW)
+    def __call__(self, event: Event) -> None:
+        if isinstance(event, RunFinished):
+            self.left -= not event.run.reused
+            if self.left <= 0:
+                self.stop.ask(STOP_NOW)

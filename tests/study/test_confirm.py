@@ -12,10 +12,10 @@ from gtf_tune.study.outcome.confirm import ConfirmationPlan, confirm, plan_confi
 from gtf_tune.study.outcome.recommendation import Recommendation
 from gtf_tune.study.outcome.recommendation import recommend as recommend_for
 from gtf_tune.study.outcome.verdict import Verdict
-from gtf_tune.study.runs.run_source import Interrupted, RunSlot, RunSource
-from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
-from gtf_tune.study.work.callbacks import Silent
+from gtf_tune.study.runs.run_source import Interrupted, RunSource
+from gtf_tune.study.runs.stop import StopRequest
 from tests.study.conftest import Runner, definition_of, write_sequence
+from tests.study.stopping import StopAfter
 
 BETTER, WORSE = 0.002, 0.05
 GRID = {
@@ -44,7 +44,7 @@ def _confirm(database: Database, executor: InlineExecutor | None = None, **count
 
 
 def _source(database: Database, executor: InlineExecutor, stop: StopRequest) -> RunSource:
-    return RunSource(database, executor, RunLimits(60, 2**30), stop, Silent())
+    return RunSource(database, executor, RunLimits(60, 2**30), stop)
 
 
 def test_a_setting_that_is_truly_better_is_adopted(room: Path, database: Database, run_study: Runner) -> None:
@@ -87,17 +87,8 @@ def test_an_interrupted_confirmation_goes_on_with_the_same_runs(
 ) -> None:
     run_study(definition_of(room, **GRID))
     study, plan = _plan(database, top=1, noisy_runs=4)
-    stop = StopRequest()
-
-    class StopAfterNominal(Silent):
-        heard = 0
-
-        def run_finished(self, slot: RunSlot, run: runs.StoredRun, *, reused: bool) -> None:
-            self.heard += 1
-            if self.heard == 6:
-                stop.ask(STOP_NOW)
-
-    source = RunSource(database, InlineExecutor(), RunLimits(60, 2**30), stop, StopAfterNominal())
+    stopping = StopAfter(6)  # as many as nominal has
+    source = RunSource(database, InlineExecutor(), RunLimits(60, 2**30), stopping.stop, stopping)
     with pytest.raises(Interrupted):
         confirm(study, plan, source)
     assert not confirmations.of_study(database, study.record.id)

@@ -19,16 +19,14 @@ from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.maintenance.copy import copy_study
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.store.runs import StoredRun
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.edit import Extension, extend_study
+from gtf_tune.study.events import Event, RunFinished
 from gtf_tune.study.open_study import open_study
-from gtf_tune.study.runs.run_source import RunSlot
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.scoring.rescore import rescore
 from gtf_tune.study.work import optuna_trials
-from gtf_tune.study.work.callbacks import Silent
 from gtf_tune.study.work.server import WorkerLoop, WorkerRules
 from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of
@@ -132,24 +130,23 @@ def test_a_worker_killed_while_it_chooses_options_leaves_the_choice_as_it_would_
     assert study_digest(database, "small") == study_digest(calm, "small")
 
 
-class Meanwhile(Silent):
+class Meanwhile:
     """Do something once, after the fifth run of a study."""
 
     def __init__(self, deed: Callable[[], object]) -> None:
         self.deed = deed
         self.runs = 0
 
-    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
-        del slot, run, reused
-        self.runs += 1
-        if self.runs == 5:
+    def __call__(self, event: Event) -> None:
+        self.runs += isinstance(event, RunFinished)
+        if self.runs == 5 and isinstance(event, RunFinished):
             self.deed()
 
 
 def test_trials_that_are_added_while_a_worker_works_are_done_by_the_next_one(
     room: Path, database: Database, run_study: Runner
 ) -> None:
-    run_study(small(room), listener=Meanwhile(lambda: extend_study(database, "small", Extension(trials=6))))
+    run_study(small(room), callbacks=[Meanwhile(lambda: extend_study(database, "small", Extension(trials=6)))])
     between = studies.get(database, "small").state
     run_study(small(room))
 
@@ -163,7 +160,7 @@ def test_rescoring_while_a_worker_works_disturbs_nothing(room: Path, database: D
 
     run_study(
         small(room),
-        listener=Meanwhile(lambda: seen.append(len(rescore(database, "small", {"aggregate": "median"}).trials))),
+        callbacks=[Meanwhile(lambda: seen.append(len(rescore(database, "small", {"aggregate": "median"}).trials)))],
     )
 
     assert seen == [1]
@@ -175,7 +172,7 @@ def test_a_study_that_is_copied_while_a_worker_works_is_whole_and_can_be_finishe
 ) -> None:
     other = create_database(str(tmp_path / "other.db"))
 
-    run_study(small(room), listener=Meanwhile(lambda: copy_study(database, other, "small")))
+    run_study(small(room), callbacks=[Meanwhile(lambda: copy_study(database, other, "small"))])
     StudyWorker(open_study(other, "small"), InlineExecutor()).work()
 
     assert study_digest(other, "small") == study_digest(database, "small")
@@ -185,7 +182,7 @@ def test_a_study_that_is_deleted_while_a_worker_works_is_one_sentence(
     room: Path, database: Database, run_study: Runner
 ) -> None:
     with pytest.raises(DeletedError, match="was deleted"):
-        run_study(small(room), listener=Meanwhile(lambda: studies.delete_study(database, "small")))
+        run_study(small(room), callbacks=[Meanwhile(lambda: studies.delete_study(database, "small"))])
 
     assert studies.names(database) == []
 
@@ -196,7 +193,7 @@ def test_a_worker_goes_on_with_other_studies_when_one_is_deleted(room: Path, dat
     said: list[str] = []
     deed = Meanwhile(lambda: studies.delete_study(database, "small"))
 
-    WorkerLoop(database, InlineExecutor(), WorkerRules(), announce=said.append, listen=lambda study: deed).run()
+    WorkerLoop(database, InlineExecutor(), WorkerRules(), announce=said.append, callback_of=lambda study: deed).run()
 
     assert "study 'small' was deleted; its trial in work is dropped" in said
     assert studies.get(database, "other").state == "done"

@@ -1,4 +1,4 @@
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,14 +15,14 @@ from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.evaluate import Setting, evaluate_setting
+from gtf_tune.study.events import Event, NoiseChosen, NoiseStarted
 from gtf_tune.study.noise.choice import LADDER
 from gtf_tune.study.noise.ladder import DEFAULT_RUNS, NoiseProbe, fresh_runs
 from gtf_tune.study.open_study import open_study
 from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
-from gtf_tune.study.runs.run_source import RunSlot, RunSource
+from gtf_tune.study.runs.run_source import RunSource
+from gtf_tune.study.runs.sequence_runs import SequenceRuns
 from gtf_tune.study.runs.stop import StopRequest
-from gtf_tune.study.scoring.objective import FinishedRun
-from gtf_tune.study.work.callbacks import Silent
 from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of, write_sequence
 
@@ -80,13 +80,10 @@ def test_a_study_climbs_the_ladder_until_the_response_is_no_longer_linear() -> N
     executor = InlineExecutor()
     fresh = fresh_runs(executor, LIMITS)
 
-    def jumping(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, FinishedRun]:
+    def jumping(requests: Sequence[RunRequest]) -> SequenceRuns:
         """Let noise above 2 grey levels count five times."""
         return fresh(
-            {
-                slot: replace(one, noise_sigma=one.noise_sigma * (5 if one.noise_sigma > 2 else 1))
-                for slot, one in requests.items()
-            }
+            [replace(one, noise_sigma=one.noise_sigma * (5 if one.noise_sigma > 2 else 1)) for one in requests]
         )
 
     probe = NoiseProbe(create_pipeline("analytic", STEADY), {}, GtfDefinition(), runs=6, whole=False)
@@ -111,15 +108,15 @@ def test_a_study_whose_nominal_setting_fails_takes_the_weakest_noise_and_goes_on
 def test_the_choice_of_a_noise_is_told_as_it_goes(room: Path, database: Database) -> None:
     heard: list[tuple[float, int]] = []
 
-    class Listener(Silent):
-        def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
-            heard.append((sigma, planned_runs))
-
-        def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
-            heard.append((sigma, -1))
+    def listen(event: Event) -> None:
+        match event:
+            case NoiseStarted(_, sigma, planned_runs):
+                heard.append((sigma, planned_runs))
+            case NoiseChosen(_, sigma):
+                heard.append((sigma, -1))
 
     create_study(database, checked_definition(definition_of(room, **AUTO), "small"), room.parent)
-    StudyWorker(open_study(database, "small"), InlineExecutor(), listener=Listener()).work()
+    StudyWorker(open_study(database, "small"), InlineExecutor(), callbacks=[listen]).work()
 
     assert heard[:3] == [(0.0, 2 + DEFAULT_RUNS), (0.5, DEFAULT_RUNS), (1.0, DEFAULT_RUNS)]
     assert heard[-1] == (open_study(database, "small").sigmas["room"], -1)
@@ -157,7 +154,7 @@ def test_a_held_out_sequence_gets_its_noise_at_confirmation(
     run_study(definition_of(room, sequences=both, **{**AUTO, **grid}))
     searched = set(studies.get(database, "small").resolved["noise_sigma"])
     study = open_study(database, "small")
-    source = RunSource(database, InlineExecutor(), LIMITS, StopRequest(), Silent())
+    source = RunSource(database, InlineExecutor(), LIMITS, StopRequest())
 
     confirm(study, plan_confirmation(study, {}, top=1, noisy_runs=4), source)
 
@@ -169,9 +166,9 @@ def test_a_first_level_that_breaks_every_run_is_an_error() -> None:
     probe = NoiseProbe(create_pipeline("analytic"), {}, GtfDefinition(), runs=4, ladder=(5.0,))
     fresh = fresh_runs(InlineExecutor(), LIMITS)
 
-    def fragile(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, FinishedRun]:
-        kept = {"clean": np.arange(12), "noisy": np.arange(1)}
-        return {slot: FinishedRun(one.trajectory.select(kept[slot.kind])) for slot, one in fresh(requests).items()}
+    def fragile(requests: Sequence[RunRequest]) -> SequenceRuns:
+        found = fresh(requests)
+        return replace(found, noisy=tuple(run.select(np.arange(1)) for run in found.noisy))
 
     with pytest.raises(TrajectoryError, match="no level of noise"):
         probe.measure(imaginary_sequence(12), fragile)

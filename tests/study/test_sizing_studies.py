@@ -121,8 +121,8 @@ def test_an_interrupted_adaptive_study_makes_the_same_decisions(
 
     executed = 0
     for _ in range(16):
-        listener = StopAfter(5)
-        executed += len(run_study(data, stop=listener.stop, listener=listener).executed)
+        stopping = StopAfter(5)
+        executed += len(run_study(data, stop=stopping.stop, callbacks=[stopping]).executed)
 
     assert executed == len(whole.executed)
     assert study_digest(database, "small") == study_digest(undisturbed, "small")

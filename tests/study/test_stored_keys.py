@@ -16,9 +16,8 @@ from gtf_tune.pipelines.analytic import imaginary_sequence
 from gtf_tune.pipelines.colmap.stages import StagedRun
 from gtf_tune.pipelines.run import RunKind, RunRequest
 from gtf_tune.sequence import Camera, ImageSource
-from gtf_tune.study.runs.plan import RunPlanner
+from gtf_tune.study.runs.plan import RunPlanner, SeedSource
 from gtf_tune.study.runs.run_source import failed_key
-from gtf_tune.study.runs.seeds import SeedSource
 
 INTRINSICS = Camera("PINHOLE", 64, 48, (50.0, 51.0, 32.0, 24.0))
 VERSION = "9.9"  # not the installed one: keys must not depend on where the test runs

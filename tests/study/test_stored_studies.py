@@ -18,7 +18,6 @@ from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
 from gtf_tune.study.runs.run_source import RunSource
 from gtf_tune.study.runs.stop import StopRequest
 from gtf_tune.study.scoring.rescore import rescore
-from gtf_tune.study.work.callbacks import Silent
 from gtf_tune.study.work.worker import StudyWorker
 
 ASSETS = Path(__file__).parents[1] / "store" / "assets" / "a5c3ed4"
@@ -80,7 +79,7 @@ def test_a_study_of_an_earlier_commit_is_confirmed(stored: Database, name: str, 
     study = open_study(stored, name, {"room": room})
     plan = plan_confirmation(study, {}, top=1, noisy_runs=4)
 
-    found = confirm(study, plan, RunSource(stored, InlineExecutor(), RunLimits(60.0, 2**30), StopRequest(), Silent()))
+    found = confirm(study, plan, RunSource(stored, InlineExecutor(), RunLimits(60.0, 2**30), StopRequest()))
 
     assert found.word in ("adopt", "keep nominal")
     assert [one.number for one in found.candidates] == [one.number for one in plan.candidates]

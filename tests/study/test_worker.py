@@ -1,5 +1,4 @@
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -9,20 +8,18 @@ from optuna.samplers import RandomSampler
 from optuna.trial import FrozenTrial, TrialState
 
 from gtf_tune.execution import InlineExecutor
-from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import ground_truth_errors, runs, studies, trials
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.events import Event, TrialStarted
 from gtf_tune.study.open_study import open_study
-from gtf_tune.study.runs.run_source import RunSlot
-from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
 from gtf_tune.study.work import optuna_trials
-from gtf_tune.study.work.callbacks import Silent
 from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of, write_sequence
+from tests.study.stopping import StopAfter
 
 
 def _trials(database: Database) -> list[trials.Trial]:
@@ -97,19 +94,6 @@ def test_raising_k_delta_runs_only_what_is_new(room: Path, run_study: Runner) ->
     assert {(one.kind, one.index) for one in executor.executed} == {("noisy", 3), ("noisy", 4)}
 
 
-class _StopAfter(Silent):
-    """Ask to stop at once after so many runs."""
-
-    def __init__(self, stop: StopRequest, count: int) -> None:
-        self.stop, self.left = stop, count
-
-    def run_finished(self, slot: RunSlot, run: runs.StoredRun, *, reused: bool) -> None:
-        del slot, run
-        self.left -= not reused
-        if self.left <= 0:
-            self.stop.ask(STOP_NOW)
-
-
 @pytest.mark.parametrize("sampler", ["tpe", "qmc", "random", "optuna.samplers:NSGAIISampler", "grid"])
 def test_an_interrupted_study_goes_on_as_if_it_had_never_stopped(
     sampler: str, room: Path, tmp_path: Path, database: Database, run_study: Runner
@@ -128,8 +112,8 @@ def test_an_interrupted_study_goes_on_as_if_it_had_never_stopped(
 
     executed = 0
     for _ in range(11):
-        stop = StopRequest()
-        executor = run_study(data, stop=stop, listener=_StopAfter(stop, 4))
+        stopping = StopAfter(4)
+        executor = run_study(data, stop=stopping.stop, callbacks=[stopping])
         executed += len(executor.executed)
 
     assert executed == 7 * 5
@@ -145,8 +129,8 @@ def test_tpe_goes_on_after_its_start_up_trials_as_if_it_had_never_stopped(
     create_study(undisturbed, checked_definition(data, "test"), tmp_path)
     StudyWorker(open_study(undisturbed, "small"), InlineExecutor()).work()
 
-    stop = StopRequest()
-    run_study(data, stop=stop, listener=_StopAfter(stop, 3 * 11))
+    stopping = StopAfter(3 * 11)
+    run_study(data, stop=stopping.stop, callbacks=[stopping])
     run_study(data)
 
     assert study_digest(database, "small") == study_digest(undisturbed, "small")
@@ -252,8 +236,8 @@ def test_a_trial_that_someone_ends_in_optuna_goes_on_in_another_one(
     room: Path, database: Database, run_study: Runner
 ) -> None:
     data = definition_of(room, search={"sampler": "random", "trials": 3})
-    stop = StopRequest()
-    run_study(data, stop=stop, listener=_StopAfter(stop, 12))
+    stopping = StopAfter(12)
+    run_study(data, stop=stopping.stop, callbacks=[stopping])
     begun = _trials(database)[2]
     study = optuna.load_study(study_name="small", storage=optuna_storage(database))
     study.tell(2, state=TrialState.FAIL)
@@ -268,14 +252,13 @@ def test_a_trial_that_someone_ends_in_optuna_goes_on_in_another_one(
 def test_a_trial_that_someone_ends_in_optuna_while_it_runs_is_given_back_at_once(
     room: Path, database: Database, run_study: Runner
 ) -> None:
-    class Meddler(Silent):
-        def trial_started(self, number: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
-            del options, planned_runs
+    def meddle(event: Event) -> None:
+        if isinstance(event, TrialStarted) and event.number == 1:
             study = optuna.load_study(study_name="small", storage=optuna_storage(database))
-            if number == 1 and len(study.trials) == 2:
+            if len(study.trials) == 2:
                 study.tell(1, state=TrialState.FAIL)
 
-    run_study(definition_of(room, search={"sampler": "random", "trials": 3}), listener=Meddler())
+    run_study(definition_of(room, search={"sampler": "random", "trials": 3}), callbacks=[meddle])
 
     assert [(trial.state, trial.attempts) for trial in _trials(database)] == [
         ("complete", 1),

@@ -10,14 +10,12 @@ from gtf_tune.errors import StorageError
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.store import studies, trial_queue, trials
 from gtf_tune.store.database import Database
-from gtf_tune.store.runs import StoredRun
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.events import Event, RunFinished
 from gtf_tune.study.open_study import SequencePlaces, open_study
-from gtf_tune.study.runs.run_source import RunSlot
 from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
 from gtf_tune.study.states import pause_study, reopen_study, stop_study
-from gtf_tune.study.work.callbacks import Silent
 from gtf_tune.study.work.server import WorkerLoop, WorkerRules
 from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import definition_of, write_sequence
@@ -198,19 +196,19 @@ def test_stopping_a_study_interrupts_its_trial_and_keeps_its_runs(database: Data
     study = create()
     heard = threading.Event()
 
-    class StopAfterFirstRun(Silent):
-        def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
+    def stop_after_first_run(event: Event) -> None:
+        if isinstance(event, RunFinished):
             if studies.state(database, study.id) == "open":
                 stop_study(database, "small")
             heard.wait(30)
 
     class Observed(StudyWorker):
-        def _heed_state(self, stop: StopRequest) -> None:
-            super()._heed_state(stop)
+        def _stop_with_study(self, stop: StopRequest) -> None:
+            super()._stop_with_study(stop)
             if stop.level:
                 heard.set()
 
-    worker = Observed(open_study(database, "small"), InlineExecutor(), listener=StopAfterFirstRun(), beat_s=0.05)
+    worker = Observed(open_study(database, "small"), InlineExecutor(), callbacks=[stop_after_first_run], beat_s=0.05)
     assert not worker.work()
 
     (trial,) = trials.of_study(database, study.id)

@@ -8,7 +8,14 @@ from gtf_tune.cli.executors import cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage, storage_flag
 from gtf_tune.cli.study.notes import suggest_step
-from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE, Places, VersionMismatch, open_for_work, place_folders
+from gtf_tune.cli.study.run import (
+    INTERRUPTED_EXIT_CODE,
+    Dashboard,
+    Places,
+    VersionMismatch,
+    open_for_work,
+    place_folders,
+)
 from gtf_tune.cli.terminal.console import (
     chosen_noise,
     number,
@@ -21,9 +28,8 @@ from gtf_tune.cli.terminal.console import (
 )
 
 if TYPE_CHECKING:
-    from gtf_tune.store.runs import StoredRun
+    from gtf_tune.study.events import Event
     from gtf_tune.study.outcome.verdict import Candidate, SequenceComparison, Verdict
-    from gtf_tune.study.runs.run_source import RunSlot
 
 Top = Annotated[int, typer.Option("--top", min=1, help="How many of the best trials, besides nominal.")]
 Runs = Annotated[int, typer.Option("--runs", "-N", min=1, help="Fresh noisy runs of each trial and sequence.")]
@@ -37,6 +43,7 @@ def confirm(
     sequence: Places = None,
     cache_dir: CacheDir = None,
     allow_version_mismatch: VersionMismatch = False,
+    dashboard: Dashboard = True,
     json: Json = False,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
@@ -46,7 +53,6 @@ def confirm(
 
     Example: gtf-tune study confirm photos --top 3 --runs 16
     """
-    from gtf_tune.report.dashboard.sync import DashboardSync
     from gtf_tune.study.outcome.confirm import confirm as confirm_plan
     from gtf_tune.study.outcome.confirm import plan_confirmation
     from gtf_tune.study.outcome.recommendation import recommend
@@ -58,14 +64,17 @@ def confirm(
     plan = plan_confirmation(study, place_folders(sequence), top=top, noisy_runs=runs)
     stop = StopRequest()
     with signals_to(stop, say), make_executor(jobs or cores(), cache_dir) as executor:
-        source = RunSource(database, executor, run_limits(study.definition.limits), stop, _Lines())
+        source = RunSource(database, executor, run_limits(study.definition.limits), stop, _say_event)
         try:
             verdict = confirm_plan(study, plan, source)
         except Interrupted:
             again = f"gtf-tune study confirm {name} --top {top} --runs {runs}{storage_flag(database)}"
             say(f"stopped; the same command continues: {again}")
             raise typer.Exit(INTERRUPTED_EXIT_CODE) from None
-    DashboardSync(database, name, warn=say).bring_up_to_date()
+    if dashboard:
+        from gtf_tune.report.dashboard.sync import DashboardSync
+
+        DashboardSync(database, name, warn=say).bring_up_to_date()
     found = recommend(database, study.record)
     if json:
         write_json({**verdict.as_json(), "recommendation": found.summary()})
@@ -75,21 +84,18 @@ def confirm(
     suggest_step(found, database, study.record)
 
 
-class _Lines:
-    """Say on stderr which run has ended."""
+def _say_event(event: "Event") -> None:
+    """Say on stderr which run has ended, and which noise is tried and chosen."""
+    from gtf_tune.study.events import NoiseChosen, NoiseStarted, RunFinished
 
-    def run_finished(self, slot: "RunSlot", run: "StoredRun", *, reused: bool) -> None:
-        """Print one line."""
-        note = run.error or ("reused" if reused else f"{run.wall_s:.1f} s")
-        say(f"{slot.kind} run {slot.index} on {slot.sequence}: {note}")
-
-    def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
-        """Say which noise is tried."""
-        say(tried_noise(sequence, sigma, planned_runs))
-
-    def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
-        """Say which noise was chosen."""
-        say(chosen_noise(sequence, sigma, reason))
+    match event:
+        case RunFinished(run):
+            note = run.stored.error or ("reused" if run.reused else f"{run.stored.wall_s:.1f} s")
+            say(f"{run.request.kind} run {run.request.index} on {run.request.sequence.name}: {note}")
+        case NoiseStarted(sequence, sigma, planned_runs):
+            say(tried_noise(sequence, sigma, planned_runs))
+        case NoiseChosen(sequence, sigma, reason):
+            say(chosen_noise(sequence, sigma, reason))
 
 
 def _write(verdict: "Verdict", score: str) -> None:

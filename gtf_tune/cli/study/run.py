@@ -14,6 +14,7 @@ from gtf_tune.cli.values import split_pairs
 
 if TYPE_CHECKING:
     from gtf_tune.execution import Executor
+    from gtf_tune.report.dashboard.sync import DashboardSync
     from gtf_tune.store.database import Database
     from gtf_tune.study.open_study import OpenStudy
 
@@ -32,6 +33,13 @@ VersionMismatch = Annotated[
 Sampler = Annotated[
     str | None, typer.Option("--sampler", help="From now on another sampler: refine, tpe, qmc, random or module:Class.")
 ]
+Dashboard = Annotated[
+    bool,
+    typer.Option(
+        "--dashboard/--no-dashboard",
+        help="Keep the notes and figures of optuna-dashboard up to date; 'gtf-tune dashboard' does so too.",
+    ),
+]
 
 
 def run(
@@ -44,6 +52,7 @@ def run(
     cache_dir: CacheDir = None,
     no_cache: NoCache = False,
     allow_version_mismatch: VersionMismatch = False,
+    dashboard: Dashboard = True,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
     """Work on a study until its trials are done; goes on where it stopped.
@@ -58,7 +67,12 @@ def run(
     studies.check_open(studies.get(database, name))
     _change_sampler(database, name, sampler)
     study = open_for_work(database, name, sequence, allow_version_mismatch)
-    work_on(study, make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache), trial_parallel)
+    work_on(
+        study,
+        make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache),
+        trial_parallel,
+        dashboard=dashboard,
+    )
     _suggest_next(name, database)
 
 
@@ -72,6 +86,7 @@ def resume(
     cache_dir: CacheDir = None,
     no_cache: NoCache = False,
     allow_version_mismatch: VersionMismatch = False,
+    dashboard: Dashboard = True,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
     """Go on with a study, after saying what is done and what is left.
@@ -92,32 +107,37 @@ def resume(
         f"{cost.made} runs made and {cost.reused} reused for them, {study.budget - done} trials left"
     )
     reopen_study(database, name)
-    work_on(study, make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache), trial_parallel)
+    work_on(
+        study,
+        make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache),
+        trial_parallel,
+        dashboard=dashboard,
+    )
     _suggest_next(name, database)
 
 
-def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int) -> None:
+def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int, *, dashboard: bool = True) -> None:
     """Run a study here with progress on stderr; exit with 130 if someone stopped it."""
     from gtf_tune.cli.terminal.progress import StudyProgress
-    from gtf_tune.report.dashboard.sync import DashboardSync
     from gtf_tune.study.runs.stop import STOP_NOW, StopRequest, signals_to
-    from gtf_tune.study.work.callbacks import Several
     from gtf_tune.study.work.worker import StudyWorker
 
     stop = StopRequest()
-    dashboard = DashboardSync(study.database, study.definition.name, warn=say)
-    with (
-        signals_to(stop, say),
-        executor,
-        StudyProgress.of(study) as progress,
-    ):
-        dashboard.study_started()
-        done = StudyWorker(study, executor, stop, Several((progress, dashboard))).work(trial_parallel)
-        if stop.level < STOP_NOW:
-            dashboard.bring_up_to_date()
+    with signals_to(stop, say), executor, StudyProgress.of(study) as progress:
+        shown = _dashboard_of(study) if dashboard else None
+        callbacks = [progress.on_event, *([shown.on_event] if shown else [])]
+        done = StudyWorker(study, executor, stop, callbacks).work(trial_parallel)
+        if shown and stop.level < STOP_NOW:
+            shown.bring_up_to_date()
     if stop.level and not done:
         say(f"stopped; go on with: gtf-tune study resume {study.definition.name}{storage_flag(study.database)}")
         raise typer.Exit(INTERRUPTED_EXIT_CODE)
+
+
+def _dashboard_of(study: "OpenStudy") -> "DashboardSync":
+    from gtf_tune.report.dashboard.sync import DashboardSync
+
+    return DashboardSync(study.database, study.definition.name, warn=say)
 
 
 def open_for_work(database: "Database", name: str, places: list[str] | None, allow_mismatch: bool) -> "OpenStudy":

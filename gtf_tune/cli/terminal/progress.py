@@ -3,24 +3,21 @@
 import sys
 import threading
 import time
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from gtf_tune.cli.terminal.console import chosen_noise, duration, say, stderr, tried_noise
+from gtf_tune.study.events import Event, NoiseChosen, NoiseStarted, RunFinished, TrialFinished, TrialStarted
+from gtf_tune.study.runs.sequence_runs import FinishedRun
 
 if TYPE_CHECKING:
     from gtf_tune.display import ScoreUnit
-    from gtf_tune.pipelines import OptionValue
-    from gtf_tune.store.runs import StoredRun
     from gtf_tune.study.open_study import OpenStudy
-    from gtf_tune.study.runs.run_source import RunSlot
-    from gtf_tune.study.work.callbacks import TrialEnd
 
 
 class StudyProgress:
-    """Show how far a study is, the lowest score so far, and how long it will take.
+    """Show how far a study is, the lowest score so far, and how long it will take; `on_event` is a callback.
 
     ``finished`` trials of ``budget`` were done before. Scores are shown in ``unit``; ``lowest`` is None where no trial
     is feasible yet. The time left follows from the time per trial so far.
@@ -68,61 +65,69 @@ class StudyProgress:
         """Stop to show, leaving the last state on the terminal."""
         self._progress.stop()
 
-    def trial_started(self, number: int, options: Mapping[str, "OptionValue"], planned_runs: int) -> None:
-        """Take note of a trial whose options are chosen."""
-        del number, options
+    def on_event(self, event: Event) -> None:
+        """Show an event of the worker; safe to call from several threads."""
         with self._lock:
-            self._planned += planned_runs
-            self._progress.update(self._runs, total=self._planned)
+            match event:
+                case TrialStarted(planned_runs=planned):
+                    self._plan(planned)
+                case RunFinished(run):
+                    self._show_run(run)
+                case NoiseStarted():
+                    self._noise_began = self._noise_began or time.perf_counter()
+                    self._plan(event.planned_runs)
+                    if self._progress.disable:
+                        say(tried_noise(event.sequence, event.sigma, event.planned_runs))
+                case NoiseChosen():
+                    self._show_noise(event)
+                case TrialFinished():
+                    self._show_trial(event)
 
-    def run_finished(self, slot: "RunSlot", run: "StoredRun", *, reused: bool) -> None:
-        """Take note of a run that is now stored."""
-        with self._lock:
-            self._progress.advance(self._runs)
-            note = "reused" if reused else f"{run.wall_s:.1f} s"
-            self._progress.update(self._runs, note=f"{slot.kind} {slot.index} on {slot.sequence}: {run.error or note}")
+    def _plan(self, runs: int) -> None:
+        self._planned += runs
+        self._progress.update(self._runs, total=self._planned)
 
-    def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
-        """Take note of runs by which the noise is chosen."""
-        with self._lock:
-            self._noise_began = self._noise_began or time.perf_counter()
-            self._planned += planned_runs
-            self._progress.update(self._runs, total=self._planned)
-            if self._progress.disable:
-                say(tried_noise(sequence, sigma, planned_runs))
+    def _show_run(self, run: FinishedRun) -> None:
+        request, stored = run.request, run.stored
+        found = stored.error or ("reused" if run.reused else f"{stored.wall_s:.1f} s")
+        note = f"{request.kind} {request.index} on {request.sequence.name}: {found}"
+        self._progress.advance(self._runs)
+        self._progress.update(self._runs, note=note)
 
-    def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
-        """Say which noise was chosen; its runs count as no trial's, or the time left would be too long."""
-        with self._lock:
-            now = time.perf_counter()
-            self._began += now - (self._noise_began or now)
-            self._noise_began = None
-            self._progress.console.print(chosen_noise(sequence, sigma, reason), markup=False, highlight=False)
+    def _show_noise(self, event: NoiseChosen) -> None:
+        """Print which noise was chosen; its runs count as no trial's, or the time left would be too long."""
+        now = time.perf_counter()
+        self._began += now - (self._noise_began or now)
+        self._noise_began = None
+        said = chosen_noise(event.sequence, event.sigma, event.reason)
+        self._progress.console.print(said, markup=False, highlight=False)
 
-    def trial_finished(self, end: "TrialEnd") -> None:
-        """Take note of a trial that is complete and stored."""
-        with self._lock:
-            self._finished += 1
-            self._done_here += 1
-            self._remember(end)
-            left = (time.perf_counter() - self._began) / self._done_here * max(self._budget - self._finished, 0)
-            note = f"lowest {self._unit.told(self._lowest)}, {duration(left)} left"
-            self._progress.update(self._trials, completed=self._finished, note=note)
-            if self._progress.disable:
-                say(f"{self._line(end)}; {self._finished}/{self._budget}, {note}")
+    def _show_trial(self, event: TrialFinished) -> None:
+        self._finished += 1
+        self._done_here += 1
+        self._remember(event)
+        left = (time.perf_counter() - self._began) / self._done_here * max(self._budget - self._finished, 0)
+        note = f"lowest {self._unit.told(self._lowest)}, {duration(left)} left"
+        self._progress.update(self._trials, completed=self._finished, note=note)
+        if self._progress.disable:
+            say(f"{self._line(event)}; {self._finished}/{self._budget}, {note}")
 
-    def _remember(self, end: "TrialEnd") -> None:
-        if end.score.feasible and not end.stopped and (self._lowest is None or end.score.value < self._lowest):
-            self._lowest = end.score.value
+    def _remember(self, event: TrialFinished) -> None:
+        result = event.result
+        if result.value is None or not result.feasible or result.state == "pruned":
+            return
+        if self._lowest is None or result.value < self._lowest:
+            self._lowest = result.value
 
-    def _line(self, end: "TrialEnd") -> str:
+    def _line(self, event: TrialFinished) -> str:
         from gtf_tune.pipelines.options import option_text
 
-        name = "nominal" if end.number == 0 else f"trial {end.number}"
-        options = ", ".join(f"{option}={option_text(value, digits=4)}" for option, value in end.options.items())
-        if not end.score.feasible:
-            return f"{name} ({options}): infeasible, {end.score.message}"
-        if end.stopped:
-            return f"{name} ({options}): stopped early, {end.stopped}"
-        change = f", {end.improvement.text}" if end.improvement.is_known else ""
-        return f"{name} ({options}): {self._unit.told(end.score.value)}{change}"
+        result = event.result
+        name = "nominal" if event.number == 0 else f"trial {event.number}"
+        options = ", ".join(f"{option}={option_text(value, digits=4)}" for option, value in event.options.items())
+        if result.value is None or not result.feasible:
+            return f"{name} ({options}): infeasible, {result.message}"
+        if result.state == "pruned":
+            return f"{name} ({options}): stopped early, {result.message}"
+        change = f", {event.improvement.text}" if event.improvement.is_known else ""
+        return f"{name} ({options}): {self._unit.told(result.value)}{change}"

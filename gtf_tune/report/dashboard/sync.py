@@ -21,26 +21,26 @@ from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.errors import storage_error
 from gtf_tune.store.optuna.tables import optuna_storage
+from gtf_tune.study.events import Event, TrialFinished
 from gtf_tune.study.outcome.export import FILE_NAMES, options_files
-from gtf_tune.study.work.callbacks import Silent, TrialEnd
 from gtf_tune.version import __version__
 
 REFRESH_S = 60.0
-"""Seconds between two refreshes of figures while a study runs."""
+"""Seconds between two updates while a study runs."""
 
 SHARE = 0.02
-"""Largest share of the time that refreshes of a study may take."""
+"""Largest share of the time that updates may take."""
 
 _PATIENCE_S = 5.0
 _CATCH_UP_S = 10.0
 
 
-class DashboardSync(Silent):
-    """Hear of a study as a `StudyListener`, and bring notes, figures and files up to date.
+class DashboardSync:
+    """Notes, figures and files that optuna-dashboard shows of one study.
 
-    A trial gets its note and its files as it ends. The study's note and its figures follow at most every ``refresh_s``
-    seconds, take at most a fiftieth of the time, and are written by one worker at a time. Nothing that goes wrong here
-    reaches the study: ``warn`` hears of the first fault, and no more.
+    As a callback of a worker, `on_event` brings them up to date when a trial ends, at most every ``refresh_s`` seconds
+    and for at most a fiftieth of the time. Nothing that goes wrong here reaches the study: ``warn`` gets the first
+    fault, and no more.
 
     Parameters
     ----------
@@ -62,20 +62,15 @@ class DashboardSync(Silent):
         self._artifacts = artifacts
         self._warn = warn
         self._refresh_s = refresh_s
-        self._next_refresh_at = 0.0
+        self._due_at = 0.0
         self._has_warned = False
-        self._refreshing = threading.Lock()
+        self._writing = threading.Lock()
         self._writer: DashboardWriter | None = None
 
-    def study_started(self) -> None:
-        """Write what is known before the first trial of this worker ends."""
-        self._guarded(lambda: self._refresh(0.0))
-
-    def trial_finished(self, end: TrialEnd) -> None:
-        """Write the note and the files of a trial, and refresh the study's own if that is due."""
-        self._guarded(lambda: self.write_trial(end.number))
-        if time.monotonic() >= self._next_refresh_at:
-            self._guarded(lambda: self._refresh(0.0))
+    def on_event(self, event: Event) -> None:
+        """Write everything that is new when a trial has ended, unless that was done a short time ago."""
+        if isinstance(event, TrialFinished) and time.monotonic() >= self._due_at:
+            self._bring_up_to_date(0.0)
 
     def is_current(self) -> bool:
         """Return whether nothing has changed since the study's note and figures were written.
@@ -89,8 +84,7 @@ class DashboardSync(Silent):
 
     def bring_up_to_date(self) -> None:
         """Write everything as it stands now, also what other workers and those that died left out."""
-        self._guarded(lambda: self._catch_up(time.monotonic() + _CATCH_UP_S))
-        self._guarded(lambda: self._refresh(_PATIENCE_S))
+        self._bring_up_to_date(_PATIENCE_S)
 
     def write_trial(self, number: int) -> None:
         """Write the note and the files of one trial.
@@ -135,28 +129,32 @@ class DashboardSync(Silent):
         (facts,) = studies.summaries(self._database, study.id)
         return digest([__version__, len(confirmations.of_study(self._database, study.id)), *astuple(facts)])
 
-    def _refresh(self, patience_s: float) -> None:
-        if not self._refreshing.acquire(blocking=patience_s > 0):
+    def _bring_up_to_date(self, patience_s: float) -> None:
+        if not self._writing.acquire(blocking=patience_s > 0):
             return
         started = time.monotonic()
         try:
-            study_id = studies.get(self._database, self._name).id
-            with turn_to_write(self._database, study_id, patience_s) as mine:
-                if mine:
-                    state = self._state()  # first: what changes meanwhile is then written again
-                    self.write_study()
-                    self._opened().set_written_for(state)
+            self._guarded(lambda: self._write_trials(started + _CATCH_UP_S))
+            self._guarded(lambda: self._write_study_in_turn(patience_s))
         finally:
             ended = time.monotonic()
-            self._next_refresh_at = ended + max(self._refresh_s, (ended - started) / SHARE)
-            self._refreshing.release()
+            self._due_at = ended + max(self._refresh_s, (ended - started) / SHARE)
+            self._writing.release()
 
-    def _catch_up(self, give_up_at: float) -> None:
+    def _write_trials(self, give_up_at: float) -> None:
         """Write the trials that have no note, as long as there is time."""
         noted = self._opened().noted_trials()
         for trial in read_search(self._database, self._name).trials:
             if trial.state != "claimed" and trial.optuna_trial_id not in noted and time.monotonic() < give_up_at:
                 self.write_trial(trial.number)
+
+    def _write_study_in_turn(self, patience_s: float) -> None:
+        study_id = studies.get(self._database, self._name).id
+        with turn_to_write(self._database, study_id, patience_s) as mine:
+            if mine:
+                state = self._state()  # first: what changes meanwhile is then written again
+                self.write_study()
+                self._opened().set_written_for(state)
 
     def _trial_files(self, data: StudyData, number: int) -> list[Attachment]:
         own = [one for one in runs_made(data.runs) if one.number == number and one.run.status == "failed"]

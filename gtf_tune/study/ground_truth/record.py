@@ -13,11 +13,12 @@ from gtf_tune.errors import DefinitionError, TrajectoryError
 from gtf_tune.store import ground_truth_errors, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.ground_truth_errors import Validation
+from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import stored_definition
-from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trial_queue import TrialLease
 from gtf_tune.study.ground_truth.errors import side_metric
 from gtf_tune.study.open_study import OpenStudy, check_fingerprint, folder_of, load_defined_sequence
+from gtf_tune.study.runs.sequence_runs import stored_by_sequence
 from gtf_tune.study.scoring.trial_scorer import ScoredTrial
 from gtf_tune.trajectory import Trajectory
 
@@ -33,7 +34,7 @@ def record_side_metric(study: OpenStudy, lease: TrialLease, trial: Trial, scored
     for name, sequence in study.sequences.items():
         if sequence.ground_truth is None:
             continue
-        measured = _validation(name, sequence.ground_truth, scored.clean[name], definition)
+        measured = _validation(name, sequence.ground_truth, scored.by_sequence[name].clean, definition)
         found.append(measured)
         if measured.value is not None:
             key = definition.key if len(study.sequences) == 1 else f"{definition.key}_{name}"
@@ -68,16 +69,17 @@ def recompute_side_metric(
         raise DefinitionError(
             f"study '{name}' has no sequence with ground truth, so there is no side metric to compute"
         )
-    uses = [use for use in runs.of_study(database, study.id) if use.run.kind == "clean" and use.sequence_name in truths]
-    by_trial: dict[tuple[int, str], list[str]] = defaultdict(list)
-    for use in sorted(uses, key=lambda use: (use.number, use.run.index)):
-        by_trial[use.number, use.sequence_name].append(use.run.key)
-    stored = trajectories(database, list(dict.fromkeys(use.run.key for use in uses)))
-    found: dict[int, list[Validation]] = {}
-    for (number, sequence), keys in by_trial.items():
-        clean = [stored[key] for key in keys]
-        found.setdefault(number, []).append(_validation(sequence, truths[sequence], clean, definition))
-    return found
+    clean: dict[int, list[TrialRun]] = defaultdict(list)
+    for use in runs.of_study(database, study.id):
+        if use.run.kind == "clean" and use.sequence_name in truths:
+            clean[use.number].append(use)
+    return {
+        number: [
+            _validation(name, truths[name], runs_.clean, definition)
+            for name, runs_ in stored_by_sequence(database, used).items()
+        ]
+        for number, used in clean.items()
+    }
 
 
 def _ground_truths(database: Database, study: studies.Study, places: Mapping[str, Path]) -> dict[str, Trajectory]:

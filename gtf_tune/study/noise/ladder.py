@@ -14,26 +14,25 @@ from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
 from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.store import studies
-from gtf_tune.store.trajectories import trajectories
+from gtf_tune.study.events import NoiseChosen, NoiseStarted
 from gtf_tune.study.noise.choice import LADDER, NoiseLevel, NoiseScale, is_open, noise_scale
 from gtf_tune.study.open_study import OpenStudy
-from gtf_tune.study.runs.plan import RunPlanner
-from gtf_tune.study.runs.run_source import RunSlot, RunSource
-from gtf_tune.study.runs.seeds import SeedSource
-from gtf_tune.study.scoring.objective import FinishedRun, settings_of
-from gtf_tune.trajectory import Trajectory
+from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
+from gtf_tune.study.runs.run_source import RunSource
+from gtf_tune.study.runs.sequence_runs import SequenceRuns, finished_by_sequence, sequence_runs
+from gtf_tune.study.scoring.objective import settings_of
 from gtf_tune.trajectory.alignment import MIN_MATCHED
 
 DEFAULT_RUNS = 4
 PURPOSE = "noise"
 
-ObtainRuns = Callable[[Mapping[RunSlot, RunRequest]], Mapping[RunSlot, FinishedRun]]
-"""Return what came out of each request."""
+ObtainRuns = Callable[[Sequence[RunRequest]], SequenceRuns]
+"""Return the runs of one sequence, given their requests."""
 
 
 @dataclass(frozen=True)
 class NoiseProbe:
-    """Hold what is measured: nominal options (and fixed ones) of a pipeline, ``runs`` noisy runs on each level.
+    """What is measured: nominal options (and fixed ones) of a pipeline, ``runs`` noisy runs on each level.
 
     All levels see the same noise patterns, scaled, so that their scores differ by sigma only. Unless ``whole``, the
     ladder ends where stronger noise cannot change the recommendation.
@@ -53,24 +52,23 @@ class NoiseProbe:
         obtain: ObtainRuns,
         on_level: Callable[[NoiseLevel], None] = lambda _: None,
     ) -> NoiseScale:
-        """Return the scale of a sequence; ``on_level`` hears of each level, and no level follows one with failed runs.
+        """Return the scale of a sequence; ``on_level`` gets each level, and no level follows one with failed runs.
 
         Raises
         ------
         TrajectoryError
             Every run fails without noise already, or even the weakest noise breaks runs.
         """
-        indices: list[tuple[RunKind, int]] = [("clean", index) for index in range(self.gtf.clean_runs + self.runs)]
-        found = obtain(self._requests(sequence, indices, 0.0))
-        _require_any(list(found.values()), sequence)
-        by_index = [found[RunSlot(sequence.name, "clean", index)].trajectory for _, index in indices]
-        clean, others = by_index[: self.gtf.clean_runs], by_index[self.gtf.clean_runs :]
-        floor = self._level(0.0, clean, others, len(sequence))
+        k = self.gtf.clean_runs
+        found = obtain(self._requests(sequence, run_order(k + self.runs, 0), 0.0))
+        _require_any(found, sequence)
+        clean = found.clean[:k]
+        floor = self._level(0.0, replace(found, clean=clean, noisy=found.clean[k:]))
         on_level(floor)
         levels: list[NoiseLevel] = []
         for sigma in self.ladder:
-            noisy = obtain(self._requests(sequence, [("noisy", index) for index in range(self.runs)], sigma))
-            levels.append(self._level(sigma, clean, [one.trajectory for one in noisy.values()], len(sequence)))
+            noisy = obtain(self._requests(sequence, run_order(0, self.runs), sigma))
+            levels.append(self._level(sigma, replace(noisy, clean=clean)))
             on_level(levels[-1])
             if levels[-1].failed or not (self.whole or is_open(floor, levels)):
                 break
@@ -87,22 +85,15 @@ class NoiseProbe:
             return min(self.ladder), str(error)
         return scale.recommended, scale.reason
 
-    def _requests(
-        self, sequence: ImageSequence, runs: Sequence[tuple[RunKind, int]], sigma: float
-    ) -> dict[RunSlot, RunRequest]:
+    def _requests(self, sequence: ImageSequence, runs: Sequence[tuple[RunKind, int]], sigma: float) -> list[RunRequest]:
         common = self.gtf.model_copy(update={"common_noise": True})
         planner = RunPlanner(self.pipeline, common, SeedSource(self.seed, PURPOSE), self.options)
-        return {
-            RunSlot(sequence.name, kind, index): planner.request(sequence, {}, (kind, index), sigma=sigma, number=0)
-            for kind, index in runs
-        }
+        return [planner.request(sequence, {}, run, sigma=sigma, number=0) for run in runs]
 
-    def _level(
-        self, sigma: float, clean: Sequence[Trajectory], others: Sequence[Trajectory], num_frames: int
-    ) -> NoiseLevel:
+    def _level(self, sigma: float, runs: SequenceRuns) -> NoiseLevel:
         # Instances are compared with each other here, and a geometric mean does not let one of them decide.
         settings = replace(settings_of(self.gtf), aggregate="gmean")
-        score = gtf_score(clean, others, settings, num_frames=num_frames)
+        score = gtf_score(runs.clean, runs.noisy, settings, num_frames=runs.num_frames)
         values = score.instance_values
         floor = self.gtf.coverage_floor * float(score.coverage_clean.min())
         failed = np.isnan(values) | (score.coverage_noisy < floor)
@@ -111,19 +102,20 @@ class NoiseProbe:
             sigma=sigma,
             score=score.value,
             spread=float(np.log(known).std(ddof=1)) if len(known) > 1 else math.nan,
-            runs=len(others),
+            runs=len(runs.noisy),
             collapsed=int(score.collapsed.sum()),
             failed=int(failed.sum()),
             coverage=float(score.coverage_noisy.min()),
         )
 
 
-def _require_any(runs: Sequence[FinishedRun], sequence: ImageSequence) -> None:
-    """Raise `TrajectoryError` with the error of the first run where none of them has poses to compare."""
-    if any(len(one.trajectory) >= MIN_MATCHED for one in runs):
+def _require_any(runs: SequenceRuns, sequence: ImageSequence) -> None:
+    """Raise `TrajectoryError` with the error of the first clean run where none of them has poses to compare."""
+    if any(len(run) >= MIN_MATCHED for run in runs.clean):
         return
-    first = runs[0]
-    reason = first.error or f"it registered {len(first.trajectory)} of {len(sequence)} frames"
+    first = runs.clean[0]
+    failed = not len(first) and runs.errors
+    reason = runs.errors[0] if failed else f"it registered {len(first)} of {len(sequence)} frames"
     raise TrajectoryError(
         f"every run on {sequence.name} fails without noise already, so none can be recommended; the first one: {reason}"
     )
@@ -132,29 +124,28 @@ def _require_any(runs: Sequence[FinishedRun], sequence: ImageSequence) -> None:
 def stored_runs(source: RunSource) -> ObtainRuns:
     """Return a way to obtain runs that reuses and stores them."""
 
-    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, FinishedRun]:
-        slot, request = next(iter(requests.items()))
-        source.listener.noise_started(slot.sequence, request.noise_sigma, len(requests))
-        obtained = source.obtain(requests)
-        found = trajectories(source.database, [one.run.key for one in obtained.values()])
-        return {slot: FinishedRun(found[one.run.key], one.run.error) for slot, one in obtained.items()}
+    def obtain(requests: Sequence[RunRequest]) -> SequenceRuns:
+        sequence = requests[0].sequence
+        source.on_event(NoiseStarted(sequence.name, requests[0].noise_sigma, len(requests)))
+        return finished_by_sequence(source.obtain(requests))[sequence.name]
 
     return obtain
 
 
 def fresh_runs(
-    executor: Executor, limits: RunLimits, on_run: Callable[[RunSlot, RunOutcome], None] = lambda slot, outcome: None
+    executor: Executor,
+    limits: RunLimits,
+    on_run: Callable[[RunRequest, RunOutcome], None] = lambda request, outcome: None,
 ) -> ObtainRuns:
-    """Return a way to obtain runs that stores nothing; ``on_run`` hears of each run."""
+    """Return a way to obtain runs that stores nothing; ``on_run`` gets each run as it ends."""
 
-    def obtain(requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, FinishedRun]:
-        futures = {slot: executor.submit(request, limits) for slot, request in requests.items()}
-        found = {}
-        for slot, future in futures.items():
+    def obtain(requests: Sequence[RunRequest]) -> SequenceRuns:
+        found = []
+        for request, future in [(request, executor.submit(request, limits)) for request in requests]:
             outcome = future.result()
-            on_run(slot, outcome)
-            found[slot] = FinishedRun(outcome.trajectory, outcome.error)
-        return found
+            on_run(request, outcome)
+            found.append((request.kind, outcome.trajectory, outcome.error))
+        return sequence_runs(found, len(requests[0].sequence))
 
     return obtain
 
@@ -180,5 +171,5 @@ def with_noise(study: OpenStudy, sequences: Mapping[str, ImageSequence], source:
     measured = {}
     for name, sequence in missing.items():
         measured[name], reason = probe.choose(sequence, stored_runs(source))
-        source.listener.noise_chosen(name, measured[name], reason)
+        source.on_event(NoiseChosen(name, measured[name], reason))
     return replace(study, sigmas=studies.resolve_noise(study.database, study.record.id, measured))

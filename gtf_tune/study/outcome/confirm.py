@@ -15,16 +15,15 @@ from gtf_tune.pipelines import OptionValue
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import confirmations, studies, trials
-from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.noise.ladder import with_noise
 from gtf_tune.study.open_study import OpenStudy, check_fingerprint, folder_of, load_defined_sequence
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
 from gtf_tune.study.outcome.recommendation import without_feasible_trial
 from gtf_tune.study.outcome.verdict import Verdict
-from gtf_tune.study.runs.plan import RunPlanner, run_order
-from gtf_tune.study.runs.run_source import RunSlot, RunSource
-from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
+from gtf_tune.study.runs.run_source import RunSource
+from gtf_tune.study.runs.sequence_runs import finished_by_sequence
 from gtf_tune.study.scoring.objective import settings_of
 
 DEFAULT_TOP = 3
@@ -141,32 +140,23 @@ def _measure(
     study: OpenStudy, plan: ConfirmationPlan, options: Mapping[str, OptionValue], source: RunSource
 ) -> tuple[dict[str, GtfScore], list[str]]:
     """Return the score of one configuration on every sequence, and the keys of its runs."""
-    requests = _requests(study, plan, options)
-    obtained = source.obtain(requests)
-    found = trajectories(study.database, [one.run.key for one in obtained.values()])
+    finished = source.obtain(_requests(study, plan, options))
     settings = settings_of(study.definition.gtf)
-    scores = {}
-    for name, sequence in plan.sequences.items():
-        by_kind = {
-            kind: [found[one.run.key] for slot, one in obtained.items() if (slot.sequence, slot.kind) == (name, kind)]
-            for kind in ("clean", "noisy")
-        }
-        scores[name] = gtf_score(by_kind["clean"], by_kind["noisy"], settings, num_frames=len(sequence))
-    return scores, [one.run.key for one in obtained.values()]
+    scores = {
+        name: gtf_score(runs.clean, runs.noisy, settings, num_frames=runs.num_frames)
+        for name, runs in finished_by_sequence(finished).items()
+    }
+    return scores, [run.stored.key for run in finished]
 
 
-def _requests(
-    study: OpenStudy, plan: ConfirmationPlan, options: Mapping[str, OptionValue]
-) -> dict[RunSlot, RunRequest]:
+def _requests(study: OpenStudy, plan: ConfirmationPlan, options: Mapping[str, OptionValue]) -> list[RunRequest]:
     definition = study.definition
     # Configurations are compared under the same noise, even where the search drew it anew for every trial.
     gtf = definition.gtf.model_copy(update={"common_noise": True})
     seeds = SeedSource(definition.search.seed, purpose=plan.purpose)
     planner = RunPlanner(study.pipeline, gtf, seeds, definition.fixed_options)
-    return {
-        RunSlot(name, kind, index): planner.request(
-            sequence, options, (kind, index), sigma=study.sigmas[name], number=0
-        )
+    return [
+        planner.request(sequence, options, run, sigma=study.sigmas[name], number=0)
         for name, sequence in plan.sequences.items()
-        for kind, index in run_order(gtf.clean_runs, plan.noisy_runs)
-    }
+        for run in run_order(gtf.clean_runs, plan.noisy_runs)
+    ]

@@ -1,5 +1,6 @@
-"""Say which runs score a setting."""
+"""Which runs score a configuration, and with which seeds."""
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -7,7 +8,35 @@ from gtf_tune.definition import GtfDefinition
 from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.pipelines.run import RunKind, RunRequest
 from gtf_tune.sequence import Sequence
-from gtf_tune.study.runs.seeds import SeedSource
+
+_BITS_31 = 2**31 - 1
+_BITS_63 = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class SeedSource:
+    """Seeds of one purpose of a study, all derived from the study's own: the same study gives the same runs anywhere.
+
+    ``purpose`` separates the search from its confirmation: runs of different purposes never share noise.
+    """
+
+    study_seed: int
+    purpose: str = "search"
+
+    def run_seed(self, fingerprint: str, kind: RunKind, index: int, number: int | None = None) -> int:
+        """Return the pipeline's seed for run ``index`` of a sequence; 31 bits.
+
+        ``number`` is the trial's where trials must not share noise, else ``None``.
+        """
+        return _hash(self.study_seed, self.purpose, "run", fingerprint, kind, index, number) & _BITS_31
+
+    def noise_seed(self, fingerprint: str, index: int, number: int | None = None) -> int:
+        """Return the seed of the noise of noisy run ``index``; 63 bits."""
+        return _hash(self.study_seed, self.purpose, "noise", fingerprint, index, number) & _BITS_63
+
+    def sampler_seed(self, number: int) -> int:
+        """Return the sampler's seed for one trial; 31 bits. An interruption before it changes nothing."""
+        return _hash(self.study_seed, "sampler", number) & _BITS_31
 
 
 @dataclass(frozen=True)
@@ -58,3 +87,8 @@ def run_order(clean_runs: int, noisy_runs: int) -> list[tuple[RunKind, int]]:
     """Return the runs of one sequence in the order in which they count: clean ones first."""
     clean: list[tuple[RunKind, int]] = [("clean", index) for index in range(clean_runs)]
     return clean + [("noisy", index) for index in range(noisy_runs)]
+
+
+def _hash(*parts: object) -> int:
+    text = "\x1f".join(repr(part) for part in parts)
+    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")

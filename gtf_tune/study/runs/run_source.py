@@ -2,16 +2,19 @@
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass, field, replace
 
 from gtf_tune.definition import LimitsDefinition
 from gtf_tune.execution import Executor, RunLimits
-from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest, digest
+from gtf_tune.pipelines.run import RunOutcome, RunRequest, digest
 from gtf_tune.store import runs
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import StoredRun
+from gtf_tune.store.trajectories import digest_of, trajectories
+from gtf_tune.study.events import Callback, RunFinished, ignore
+from gtf_tune.study.runs.sequence_runs import FinishedRun
 from gtf_tune.study.runs.stop import STOP_NOW, StopRequest
+from gtf_tune.trajectory import Trajectory
 
 _POLL_S = 0.2
 _GIB = 2**30
@@ -22,41 +25,19 @@ class Interrupted(Exception):
 
 
 @dataclass(frozen=True)
-class RunSlot:
-    """Name one run of a trial: sequence, kind and index."""
-
-    sequence: str
-    kind: RunKind
-    index: int
-
-
-class RunListener(Protocol):
-    """Hear of runs as they end."""
-
-    def run_finished(self, slot: RunSlot, run: StoredRun, *, reused: bool) -> None:
-        """Take note of a run that is now stored."""
-        ...
-
-    def noise_started(self, sequence: str, sigma: float, planned_runs: int) -> None:
-        """Take note that runs with this noise (grey levels) begin, by which the noise of a study is chosen."""
-        ...
-
-    def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
-        """Take note of the noise (grey levels) that a study takes for a sequence from now on."""
-        ...
-
-
-@dataclass(frozen=True)
 class RunSource:
-    """Provide finished runs: reuse what is stored, execute and store the rest."""
+    """Provide finished runs: reuse what is stored, execute and store the rest.
+
+    ``on_event`` gets a `RunFinished` for each run.
+    """
 
     database: Database
     executor: Executor
     limits: RunLimits
     stop: StopRequest
-    listener: RunListener
+    on_event: Callback = ignore
 
-    def obtain(self, requests: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, "ObtainedRun"]:
+    def obtain(self, requests: Sequence[RunRequest]) -> list[FinishedRun]:
         """Return a finished run for every request, in the same order.
 
         Raises
@@ -64,21 +45,26 @@ class RunSource:
         Interrupted
             Someone asked to stop; runs that finished are stored.
         """
-        keys = {slot: (request.key, failed_key(request, self.limits)) for slot, request in requests.items()}
-        known = runs.find(self.database, [key for both in keys.values() for key in both])
-        obtained = {
-            slot: ObtainedRun(known[key], reused=True)
-            for slot, both in keys.items()
-            for key in reversed(both)  # a result counts more than a failure
-            if key in known
-        }
-        for slot, run in obtained.items():
-            self.listener.run_finished(slot, run.run, reused=True)
-        missing = {slot: request for slot, request in requests.items() if slot not in obtained}
+        obtained = self._stored(requests)
+        for run in obtained.values():
+            self.on_event(RunFinished(run))
+        missing = {place: request for place, request in enumerate(requests) if place not in obtained}
         obtained.update(self._execute(missing))
-        return {slot: obtained[slot] for slot in requests}
+        return [obtained[place] for place in range(len(requests))]
 
-    def _execute(self, missing: Mapping[RunSlot, RunRequest]) -> dict[RunSlot, "ObtainedRun"]:
+    def _stored(self, requests: Sequence[RunRequest]) -> dict[int, FinishedRun]:
+        """Return the runs that are stored already, by the place of their request."""
+        keys = [(request.key, failed_key(request, self.limits)) for request in requests]
+        known = runs.find(self.database, [key for both in keys for key in both])
+        found: dict[int, StoredRun] = {}
+        for place, both in enumerate(keys):
+            stored = next((known[key] for key in both if key in known), None)  # a result counts more than a failure
+            if stored is not None:
+                found[place] = stored
+        poses = trajectories(self.database, list(dict.fromkeys(run.key for run in found.values())))
+        return {place: FinishedRun(requests[place], run, poses[run.key], reused=True) for place, run in found.items()}
+
+    def _execute(self, missing: Mapping[int, RunRequest]) -> dict[int, FinishedRun]:
         if not missing:
             return {}
         if self.stop.level:
@@ -87,54 +73,51 @@ class RunSource:
         return batch.finish()
 
 
-@dataclass(frozen=True)
-class ObtainedRun:
-    """Hold a stored run and whether it was there before the trial asked for it."""
-
-    run: StoredRun
-    reused: bool
-
-
 @dataclass
 class _Batch:
-    """Follow the runs that one trial waits for, and store each as soon as it ends."""
+    """Runs that one trial waits for, by the place of their request; each is stored as soon as it ends."""
 
     source: RunSource
-    requests: Mapping[RunSlot, RunRequest]
-    finished: dict[RunSlot, ObtainedRun] = field(default_factory=dict)
+    requests: Mapping[int, RunRequest]
+    finished: dict[int, FinishedRun] = field(default_factory=dict)
 
-    def finish(self) -> dict[RunSlot, ObtainedRun]:
+    def finish(self) -> dict[int, FinishedRun]:
         """Wait for all runs and return them as stored."""
-        futures = {
-            slot: self.source.executor.submit(request, self.source.limits) for slot, request in self.requests.items()
-        }
-        told = False
-        waiting = dict(futures)
+        source = self.source
+        waiting = {place: source.executor.submit(request, source.limits) for place, request in self.requests.items()}
+        cancelled = False
         while waiting:
-            if self.source.stop.level and not told:
-                told = True
-                self.source.executor.cancel_waiting()
-            if self.source.stop.level >= STOP_NOW:
+            if source.stop.level and not cancelled:
+                cancelled = True
+                source.executor.cancel_waiting()
+            if source.stop.level >= STOP_NOW:
                 raise Interrupted
-            _wait_a_little(list(waiting.values()))
-            for slot in [slot for slot, future in waiting.items() if future.done()]:
-                self._store(slot, waiting.pop(slot))
+            wait(list(waiting.values()), timeout=_POLL_S, return_when=FIRST_COMPLETED)
+            for place in [place for place, future in waiting.items() if future.done()]:
+                self._store(place, waiting.pop(place))
         if len(self.finished) < len(self.requests):
             raise Interrupted
         return self.finished
 
-    def _store(self, slot: RunSlot, future: "Future[RunOutcome]") -> None:
+    def _store(self, place: int, future: "Future[RunOutcome]") -> None:
         try:
             outcome = future.result()
         except CancelledError:
             return
         if outcome.status != "ok" and self.source.stop.level:
-            return  # who stops us, as batch systems and systemd do, may have ended the run too
-        request = self.requests[slot]
+            return  # whoever stops us, as batch systems and systemd do, may have ended the run too
+        request = self.requests[place]
         key = request.key if outcome.status == "ok" else failed_key(request, self.source.limits)
-        run = runs.save(self.source.database, request, outcome, key)
-        self.finished[slot] = ObtainedRun(run, reused=False)
-        self.source.listener.run_finished(slot, run, reused=False)
+        stored = runs.save(self.source.database, request, outcome, key)
+        run = FinishedRun(request, stored, self._trajectory(stored, outcome), reused=False)
+        self.finished[place] = run
+        self.source.on_event(RunFinished(run))
+
+    def _trajectory(self, stored: StoredRun, outcome: RunOutcome) -> Trajectory:
+        """Return the stored trajectory, which is another worker's where that one stored the same run first."""
+        if stored.trajectory_digest == digest_of(outcome.trajectory):
+            return replace(outcome.trajectory, has_timestamps=True, source="")  # which are not stored
+        return trajectories(self.source.database, [stored.key])[stored.key]
 
 
 def failed_key(request: RunRequest, limits: RunLimits) -> str:
@@ -145,7 +128,3 @@ def failed_key(request: RunRequest, limits: RunLimits) -> str:
 def run_limits(limits: LimitsDefinition) -> RunLimits:
     """Return the limits of one run as an executor takes them."""
     return RunLimits(limits.run_timeout_s, int(limits.run_memory_gb * _GIB))
-
-
-def _wait_a_little(futures: Sequence["Future[RunOutcome]"]) -> None:
-    wait(futures, timeout=_POLL_S, return_when=FIRST_COMPLETED)

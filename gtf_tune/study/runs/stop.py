@@ -14,9 +14,9 @@ _LAST_MOMENT_S = 2.5
 
 
 class StopRequest:
-    """Remember how urgently someone asked to stop; safe to raise from signal handlers and other threads.
+    """How urgently someone asked to stop; may be set from signal handlers and other threads.
 
-    A request with a parent hears of what its parent is asked, but not the other way round: one study of a worker, or
+    A request with a parent is at least as urgent as its parent, but not the other way round: one study of a worker, or
     one trial of a study, can be asked to stop alone.
     """
 

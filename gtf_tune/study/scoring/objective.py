@@ -4,31 +4,23 @@ Nothing here knows whether ground truth exists.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.gtf import GtfScore, GtfSettings, gtf_score
+from gtf_tune.study.runs.sequence_runs import SequenceRuns
 from gtf_tune.study.scoring.coverage import LEAST_COMMON, CoverageFloor, below
-from gtf_tune.trajectory import Trajectory
 
 _UNBOUNDED_PENALTY = 1e6
 _JUST_VIOLATED = 1e-9
 
 
 @dataclass(frozen=True)
-class FinishedRun:
-    """Hold what the objective needs of one run: its trajectory (empty if it failed) and why it failed."""
-
-    trajectory: Trajectory
-    error: str = ""
-
-
-@dataclass(frozen=True)
 class SequenceScore:
-    """Hold the score of one sequence, or why there is none.
+    """Score of one sequence, or why there is none.
 
     ``violation`` is how far the worst run stays below the coverage floor (0 where none does), ``coverage`` the least
     coverage of any run, both as fractions of the sequence's frames.
@@ -41,13 +33,13 @@ class SequenceScore:
 
     @property
     def feasible(self) -> bool:
-        """Tell whether every run reaches the coverage floor and every pair could be aligned."""
+        """Whether every run reaches the coverage floor and every pair could be aligned."""
         return self.score is not None and self.violation <= 0 and not self.message
 
 
 @dataclass(frozen=True)
 class TrialScore:
-    """Hold the value of a trial.
+    """Value of a trial.
 
     ``value`` is what the sampler minimises: the GTF score, or a penalty above every possible score if the trial is
     infeasible. ``violation`` is the constraint (feasible where <= 0).
@@ -61,15 +53,15 @@ class TrialScore:
 
     @property
     def feasible(self) -> bool:
-        """Tell whether the trial may be picked."""
+        """Whether the trial may be picked."""
         return self.violation <= 0
 
     @property
     def standard_error(self) -> float:
-        """Return the standard error of ``value``; NaN where it cannot be said.
+        """Standard error of ``value``; NaN where it is unknown.
 
-        Over several sequences relative errors add in squares: their noise is independent. The nominal scores that each
-        is divided by are taken as given.
+        Over several sequences relative errors add in squares, since their noise is independent. The nominal scores that
+        each is divided by count as exact.
         """
         relative = [score.standard_error / score.value for score in self._scores if score.value]
         if not relative or len(relative) < len(self.by_sequence):
@@ -78,7 +70,7 @@ class TrialScore:
 
     @property
     def confidence_interval(self) -> tuple[float, float]:
-        """Return the 95 % confidence interval of ``value``; NaN where it cannot be said."""
+        """95 % confidence interval of ``value``; NaN where it is unknown."""
         bounds = [score.confidence_interval for score in self._scores]
         if len(bounds) == 1 and len(self.by_sequence) == 1:
             return bounds[0]
@@ -89,7 +81,7 @@ class TrialScore:
 
     @property
     def collapse_rate(self) -> float:
-        """Return the share of noisy runs that collapsed, over all sequences; NaN where none was scored."""
+        """Share of noisy runs that collapsed, over all sequences; NaN where none was scored."""
         flags = [flag for score in self._scores for flag in score.collapsed.tolist()]
         return sum(flags) / len(flags) if flags else math.nan
 
@@ -111,47 +103,42 @@ def settings_of(gtf: GtfDefinition) -> GtfSettings:
     )
 
 
-def score_sequence(
-    clean: Sequence[FinishedRun],
-    noisy: Sequence[FinishedRun],
-    *,
-    num_frames: int,
-    floor: CoverageFloor,
-    gtf: GtfDefinition,
-) -> SequenceScore:
-    """Return the score of one sequence from its runs, in the order in which they count.
+def score_sequence(runs: SequenceRuns, floor: CoverageFloor, gtf: GtfDefinition) -> SequenceScore:
+    """Return the score of one sequence from its runs.
 
     Every run must reach ``floor``, and each noisy run must share half of its frames, or of those of the clean run if
-    these are fewer, with every clean run: the error over a few common frames says nothing of the rest.
+    these are fewer, with every clean run: the error over a few common frames says nothing about the others.
     """
-    runs = [*((run, floor.clean) for run in clean), *((run, floor.noisy) for run in noisy)]
-    coverages = [len(run.trajectory) / num_frames for run, _ in runs]
-    coverage = min(coverages)
-    errors = [run.error for run, _ in runs if run.error]
-    missing, worst, wanted = max(
-        (wanted - found, found, wanted) for found, (_, wanted) in zip(coverages, runs, strict=True)
-    )
-    if missing > 0 or errors:
+    found = [(share, floor.clean) for share in runs.clean_coverage]
+    found += [(share, floor.noisy) for share in runs.noisy_coverage]
+    coverage = min(share for share, _ in found)
+    missing, worst, wanted = max((wanted - share, share, wanted) for share, wanted in found)
+    if missing > 0 or runs.errors:
         shown, floor_shown = below(worst, wanted)
-        message = errors[0] if errors else f"a run registered {shown} of the frames, less than {floor_shown}"
+        message = runs.errors[0] if runs.errors else f"a run registered {shown} of the frames, less than {floor_shown}"
         return SequenceScore(None, coverage, max(missing, _JUST_VIOLATED), message)
-    score = gtf_score(
-        [run.trajectory for run in clean], [run.trajectory for run in noisy], settings_of(gtf), num_frames=num_frames
-    )
+    score = gtf_score(runs.clean, runs.noisy, settings_of(gtf), num_frames=runs.num_frames)
     if score.pair_errors:
         reason = next(iter(score.pair_errors.values()))
-        failing = len(score.pair_errors) / (len(clean) * len(noisy))
+        failing = len(score.pair_errors) / (len(runs.clean) * len(runs.noisy))
         return SequenceScore(score, coverage, failing, reason)
-    shares = score.common_shares
-    least = float(shares.min(initial=1.0))
+    least, reason = _least_common(score)
     if least < LEAST_COMMON:
-        pair = np.unravel_index(int(np.argmin(shares)), shares.shape)
-        reason = (
-            f"a noisy run shares {score.matched[pair]} of its frames with a clean one, less than half of "
-            f"{score.shorter[pair]}"
-        )
         return SequenceScore(score, coverage, max(LEAST_COMMON - least, _JUST_VIOLATED), reason)
     return SequenceScore(score, coverage, min(missing, 0.0))
+
+
+def _least_common(score: GtfScore) -> tuple[float, str]:
+    """Return the least share of frames that a pair of runs has in common, and the sentence that says so."""
+    shares = score.common_shares
+    if not shares.size:
+        return 1.0, ""
+    pair = np.unravel_index(int(np.argmin(shares)), shares.shape)
+    reason = (
+        f"a noisy run shares {score.matched[pair]} of its frames with a clean one, less than half of "
+        f"{score.shorter[pair]}"
+    )
+    return float(shares[pair]), reason
 
 
 def score_trial(

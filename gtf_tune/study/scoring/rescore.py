@@ -15,10 +15,10 @@ from gtf_tune.store import runs, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import stored_definition
-from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trials import Trial
+from gtf_tune.study.runs.sequence_runs import SequenceRuns, stored_by_sequence
 from gtf_tune.study.scoring.coverage import CoverageFloor, coverage_floor, least_floor
-from gtf_tune.study.scoring.objective import FinishedRun, SequenceScore, TrialScore, score_sequence, score_trial
+from gtf_tune.study.scoring.objective import SequenceScore, TrialScore, score_sequence, score_trial
 from gtf_tune.study.scoring.rules import check_rules
 
 RESCORABLE = ("aggregate", "metric", "alignment", "normalise", "rpe_delta", "rpe_delta_unit", "rpe_pairs")
@@ -26,7 +26,7 @@ RESCORABLE = ("aggregate", "metric", "alignment", "normalise", "rpe_delta", "rpe
 
 @dataclass(frozen=True)
 class RescoredTrial:
-    """Hold a trial with its new score beside the stored one, and its rank among feasible trials by each, from 1.
+    """Trial with its new score beside the stored one, and its rank among feasible trials by each, from 1.
 
     Ranks are 0 where a trial is infeasible or was stopped early.
     """
@@ -39,7 +39,7 @@ class RescoredTrial:
 
 @dataclass(frozen=True)
 class Rescored:
-    """Hold a study scored anew, its trials by their numbers."""
+    """Trials of a study, scored anew, by their numbers."""
 
     gtf: GtfDefinition
     trials: tuple[RescoredTrial, ...]
@@ -69,14 +69,16 @@ def rescore(database: Database, name: str, changes: Mapping[str, Any]) -> Rescor
     uses: dict[int, list[TrialRun]] = defaultdict(list)
     for use in runs.of_study(database, study.id):
         uses[use.number].append(use)
-    floors = _floors(uses[0], gtf)
+    floors: dict[str, CoverageFloor] = {}
     scores: dict[int, TrialScore] = {}
     nominal_values: dict[str, float] = {}
     for trial in known:
-        by_sequence = _score_sequences(database, uses[trial.number], floors if trial.number else {}, gtf)
+        sequences = stored_by_sequence(database, uses[trial.number])
+        by_sequence = {name: _score_sequence(runs_, floors.get(name), gtf) for name, runs_ in sequences.items()}
         scores[trial.number] = score_trial(by_sequence, nominal_values or None, gtf)
         if trial.number == 0:
             nominal_values = {key: one.score.value for key, one in by_sequence.items() if one.score and one.feasible}
+            floors = {key: _floor(runs_, gtf) for key, runs_ in sequences.items()}
             _check_nominal(by_sequence, name)
     return Rescored(gtf, _ranked([RescoredTrial(trial, scores[trial.number]) for trial in known]))
 
@@ -90,22 +92,9 @@ def _changed(gtf: GtfDefinition, changes: Mapping[str, Any]) -> GtfDefinition:
     return section_from_dict(GtfDefinition, {**gtf.model_dump(), **changes}, source="rescore")
 
 
-def _score_sequences(
-    database: Database, uses: list[TrialRun], floors: Mapping[str, CoverageFloor], gtf: GtfDefinition
-) -> dict[str, SequenceScore]:
-    """Return the score of each sequence; without ``floors`` what an alignment needs is enough."""
-    found = trajectories(database, [use.run.key for use in uses])
-    scores = {}
-    for name in dict.fromkeys(use.sequence_name for use in uses):
-        mine = sorted((use for use in uses if use.sequence_name == name), key=lambda use: use.run.index)
-        clean, noisy = (
-            [FinishedRun(found[use.run.key], use.run.error) for use in mine if use.run.kind == kind]
-            for kind in ("clean", "noisy")
-        )
-        num_frames = mine[0].run.num_frames
-        floor = floors.get(name) or least_floor(num_frames)
-        scores[name] = score_sequence(clean, noisy, num_frames=num_frames, floor=floor, gtf=gtf)
-    return scores
+def _score_sequence(runs_: SequenceRuns, floor: CoverageFloor | None, gtf: GtfDefinition) -> SequenceScore:
+    """Return the score of one sequence; without a floor the frames that an alignment needs are enough."""
+    return score_sequence(runs_, floor or least_floor(runs_.num_frames), gtf)
 
 
 def _check_nominal(by_sequence: Mapping[str, SequenceScore], name: str) -> None:
@@ -117,15 +106,10 @@ def _check_nominal(by_sequence: Mapping[str, SequenceScore], name: str) -> None:
         )
 
 
-def _floors(uses: list[TrialRun], gtf: GtfDefinition) -> dict[str, CoverageFloor]:
-    """Return the coverage floors that nominal's runs set, by sequence."""
-    floors = {}
-    for name in dict.fromkeys(use.sequence_name for use in uses):
-        mine = [use.run for use in uses if use.sequence_name == name]
-        clean, noisy = ([run.coverage for run in mine if run.kind == kind] for kind in ("clean", "noisy"))
-        least = least_floor(mine[0].num_frames)
-        floors[name] = coverage_floor(clean, noisy, gtf.coverage_floor).at_least(least)
-    return floors
+def _floor(nominal: SequenceRuns, gtf: GtfDefinition) -> CoverageFloor:
+    """Return the coverage floor that nominal's runs on a sequence set."""
+    floor = coverage_floor(nominal.clean_coverage, nominal.noisy_coverage, gtf.coverage_floor)
+    return floor.at_least(least_floor(nominal.num_frames))
 
 
 def _ranked(rescored: list[RescoredTrial]) -> tuple[RescoredTrial, ...]:

@@ -1,122 +1,161 @@
-"""Obtain the runs of a trial and score them."""
+"""Score a trial: obtain its runs, and compare it with the nominal trial and with the best one before it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.pipelines.run import RunKind
-from gtf_tune.store.runs import RunUse
-from gtf_tune.store.trajectories import trajectories
+from gtf_tune.pipelines.run import RunRequest
+from gtf_tune.store import runs, trials
 from gtf_tune.study.open_study import OpenStudy
 from gtf_tune.study.runs.plan import run_order
-from gtf_tune.study.runs.run_source import ObtainedRun, RunSlot, RunSource
+from gtf_tune.study.runs.run_source import RunSource
+from gtf_tune.study.runs.sequence_runs import FinishedRun, SequenceRuns, finished_by_sequence
+from gtf_tune.study.scoring.coverage import CoverageFloor, coverage_floor, least_floor
 from gtf_tune.study.scoring.early_stopping import Decision
-from gtf_tune.study.scoring.objective import FinishedRun, TrialScore, score_sequence, score_trial
-from gtf_tune.study.scoring.reference import Reference
-from gtf_tune.trajectory import Trajectory
+from gtf_tune.study.scoring.objective import TrialScore, score_sequence, score_trial
 
 
 @dataclass(frozen=True)
-class ScoredTrial:
-    """Hold a trial's score with the runs it came from.
+class Reference:
+    """What the nominal trial and the incumbent found.
 
-    ``instances`` are the values of the noisy instances in order: for several sequences the geometric mean over
-    sequences, each relative to its nominal score. ``clean`` are the trajectories of the clean runs by sequence.
+    ``nominal_scores`` and ``floors`` are by sequence; ``nominal_value`` is the value of trial 0, ``None`` while it is
+    being scored or where it is infeasible. ``nominal_detail`` is what trial 0 stored, its matrices included.
+    ``incumbent`` holds the instance values of the best trial before this one.
     """
 
+    floors: Mapping[str, CoverageFloor]
+    nominal_scores: Mapping[str, float] = field(default_factory=dict)
+    nominal_value: float | None = None
+    nominal_detail: Mapping[str, Any] = field(default_factory=dict, repr=False)
+    incumbent: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredTrial:
+    """Score of a trial with the runs that it was computed from.
+
+    ``runs`` are in the order in which they count, ``by_sequence`` has their trajectories. ``instances`` are the values
+    of the noisy instances in order: for several sequences the geometric mean over sequences, each relative to its
+    nominal score. ``reference`` is what the trial is compared with, and ``decision`` says why it has as many noisy runs
+    as it has.
+    """
+
+    options: Mapping[str, OptionValue]
     score: TrialScore
-    uses: tuple[RunUse, ...]
+    reference: Reference = field(repr=False)
+    runs: tuple[FinishedRun, ...] = field(repr=False)
+    by_sequence: Mapping[str, SequenceRuns] = field(repr=False)
     instances: tuple[float, ...]
-    noisy_runs: int
-    clean: Mapping[str, tuple[Trajectory, ...]] = field(repr=False)
-    clean_coverage: Mapping[str, float]
     decision: Decision = field(default_factory=lambda: Decision(0))
 
-    def decided(self, decision: Decision) -> "ScoredTrial":
-        """Return the same with why the trial has as many noisy runs as it has."""
-        return replace(self, decision=decision)
+    @property
+    def noisy_runs(self) -> int:
+        """Number of noisy runs on each sequence."""
+        return max(len(runs.noisy) for runs in self.by_sequence.values())
 
 
 @dataclass
-class TrialRuns:
-    """Obtain runs of one setting, as many as asked for, and score them; runs it has are not asked for again."""
+class TrialScorer:
+    """Score one configuration on a growing number of noisy runs; runs that are there are not asked for again."""
 
     study: OpenStudy
     source: RunSource
     options: Mapping[str, OptionValue]
     number: int
-    _obtained: dict[RunSlot, ObtainedRun] = field(default_factory=dict)
-    _finished: dict[RunSlot, FinishedRun] = field(default_factory=dict)
+    reference: Reference
+    _finished: list[FinishedRun] = field(default_factory=list)
 
-    def score(self, noisy: int, reference: Reference) -> ScoredTrial:
-        """Return the score from all clean runs and the first ``noisy`` noisy ones."""
-        clean_runs = self.study.definition.gtf.clean_runs
-        obtained = self._obtain(run_order(clean_runs, noisy))
-        finished = {slot: self._finished[slot] for slot in obtained}
-        by_sequence = {name: _of_kind(finished, name) for name in self.study.sequences}
+    def score(self, noisy_runs: int) -> ScoredTrial:
+        """Return the score from all clean runs and the first ``noisy_runs`` noisy ones of each sequence.
+
+        Raises
+        ------
+        Interrupted
+            Someone asked to stop; runs that finished are stored.
+        """
         gtf = self.study.definition.gtf
-        scores = {
-            name: score_sequence(
-                clean,
-                noisy_,
-                num_frames=len(self.study.sequences[name]),
-                floor=reference.floors[name],
-                gtf=gtf,
-            )
-            for name, (clean, noisy_) in by_sequence.items()
-        }
-        score = score_trial(scores, reference.nominal_scores or None, gtf)
-        return ScoredTrial(
-            score=score,
-            uses=tuple(RunUse(slot.sequence, one.run, one.reused) for slot, one in obtained.items()),
-            instances=self._instances(score, reference),
-            noisy_runs=noisy,
-            clean={name: tuple(run.trajectory for run in clean) for name, (clean, _) in by_sequence.items()},
-            clean_coverage={
-                name: min(len(run.trajectory) for run in clean) / len(self.study.sequences[name])
-                for name, (clean, _) in by_sequence.items()
-            },
-        )
+        requests = self._requests(noisy_runs)
+        self._finished += self.source.obtain(requests[len(self._finished) :])
+        finished = tuple(self._finished[: len(requests)])
+        by_sequence = finished_by_sequence(finished)
+        scores = {name: score_sequence(one, self.reference.floors[name], gtf) for name, one in by_sequence.items()}
+        score = score_trial(scores, self.reference.nominal_scores or None, gtf)
+        instances = instance_values(score, self.reference)
+        return ScoredTrial(self.options, score, self.reference, finished, by_sequence, instances)
 
-    def _obtain(self, order: list[tuple[RunKind, int]]) -> dict[RunSlot, ObtainedRun]:
-        planner, sequences = self.study.planner, self.study.sequences
-        slots = [RunSlot(name, kind, index) for kind, index in order for name in sequences]
-        missing = {
-            slot: planner.request(
-                sequences[slot.sequence],
-                self.options,
-                (slot.kind, slot.index),
-                sigma=self.study.sigmas[slot.sequence],
-                number=self.number,
-            )
-            for slot in slots
-            if slot not in self._obtained
-        }
-        obtained = self.source.obtain(missing)
-        found = trajectories(self.source.database, [one.run.key for one in obtained.values()])
-        self._obtained.update(obtained)
-        self._finished.update((slot, FinishedRun(found[one.run.key], one.run.error)) for slot, one in obtained.items())
-        return {slot: self._obtained[slot] for slot in slots}
+    def _requests(self, noisy_runs: int) -> list[RunRequest]:
+        """Return the requests in the order in which runs count: more noisy runs only add to the end."""
+        study = self.study
+        return [
+            study.planner.request(sequence, self.options, run, sigma=study.sigmas[name], number=self.number)
+            for run in run_order(study.definition.gtf.clean_runs, noisy_runs)
+            for name, sequence in study.sequences.items()
+        ]
 
-    def _instances(self, score: TrialScore, reference: Reference) -> tuple[float, ...]:
-        if not score.feasible:
+
+def instance_values(score: TrialScore, reference: Reference) -> tuple[float, ...]:
+    """Return the value of each noise instance of a feasible trial; empty for an infeasible one.
+
+    Over several sequences it is the geometric mean of the scores relative to nominal's.
+    """
+    if not score.feasible:
+        return ()
+    tiny = np.finfo(np.float64).tiny
+    rows = []
+    for name, sequence in score.by_sequence.items():
+        if sequence.score is None:
             return ()
-        rows = []
-        for name, one in score.by_sequence.items():
-            if one.score is None:
-                return ()
-            scale = reference.nominal_scores.get(name, one.score.value) if len(score.by_sequence) > 1 else 1.0
-            tiny = np.finfo(np.float64).tiny
-            rows.append(np.log(np.maximum(one.score.instance_values, tiny) / max(scale, tiny)))
-        return tuple(float(value) for value in np.exp(np.mean(rows, axis=0)))
+        scale = reference.nominal_scores.get(name, sequence.score.value) if len(score.by_sequence) > 1 else 1.0
+        rows.append(np.log(np.maximum(sequence.score.instance_values, tiny) / max(scale, tiny)))
+    return tuple(float(value) for value in np.exp(np.mean(rows, axis=0)))
 
 
-def _of_kind(
-    finished: Mapping[RunSlot, FinishedRun], sequence: str
-) -> tuple[tuple[FinishedRun, ...], tuple[FinishedRun, ...]]:
-    mine = {slot: run for slot, run in finished.items() if slot.sequence == sequence}
-    clean = tuple(run for slot, run in mine.items() if slot.kind == "clean")
-    noisy = tuple(run for slot, run in mine.items() if slot.kind == "noisy")
-    return clean, noisy
+def read_reference(study: OpenStudy, number: int) -> Reference:
+    """Return what the trial of this number is compared with.
+
+    Raises
+    ------
+    DefinitionError
+        Several sequences are tuned together and the nominal configuration has no score on one of them.
+    """
+    if number == 0:
+        return Reference({name: least_floor(len(sequence)) for name, sequence in study.sequences.items()})
+    nominal = trials.get(study.database, study.record.id, 0)
+    stored = trials.details(study.database, [nominal.id])[nominal.id]
+    detail = stored["sequences"]
+    floors = _floors(study, nominal.id, detail)
+    scores = {name: detail[name]["value"] for name in study.sequences if detail[name]["value"] is not None}
+    if len(study.sequences) > 1 and len(scores) < len(study.sequences):
+        reasons = [f"{name} ({detail[name]['message']})" for name in study.sequences if detail[name]["message"]]
+        raise DefinitionError(
+            f"the nominal setting has no score on {', '.join(reasons) or nominal.message}, so settings cannot be "
+            "compared over several sequences; leave that sequence out or fix options so that the nominal setting works"
+        )
+    value = nominal.value if nominal.feasible else None
+    return Reference(floors, scores, value, stored, _incumbent(study, number))
+
+
+def _floors(study: OpenStudy, nominal_id: int, detail: Mapping[str, Any]) -> dict[str, CoverageFloor]:
+    """Return the floors that nominal's runs set; their coverages are in its detail, except where it has no score."""
+    share = study.definition.gtf.coverage_floor
+    unscored = any("coverage_noisy" not in detail[name] for name in study.sequences)
+    uses = runs.of_trial(study.database, nominal_id) if unscored else []
+    floors = {}
+    for name, sequence in study.sequences.items():
+        clean, noisy = (
+            detail[name].get(f"coverage_{kind}")
+            or [use.run.coverage for use in uses if (use.sequence_name, use.run.kind) == (name, kind)]
+            for kind in ("clean", "noisy")
+        )
+        floors[name] = coverage_floor(clean, noisy, share).at_least(least_floor(len(sequence)))
+    return floors
+
+
+def _incumbent(study: OpenStudy, number: int) -> tuple[float, ...]:
+    best = trials.best(study.database, study.record.id, before=number)
+    return () if best is None else tuple(trials.details(study.database, [best.id])[best.id]["instances"])

@@ -11,7 +11,7 @@ from optuna.distributions import BaseDistribution, FloatDistribution, IntDistrib
 from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial, TrialState
 
-from gtf_tune.study.scoring.racing import compare
+from gtf_tune.study.scoring.early_stopping import compare
 from gtf_tune.study.search.curve import fit_curve, next_place
 from gtf_tune.trajectory import FloatArray
 

@@ -14,7 +14,7 @@ from gtf_tune.definition.objects import load_object
 from gtf_tune.definition.search import FORMER_SAMPLERS
 from gtf_tune.errors import DefinitionError
 from gtf_tune.store.optuna.foreign_sampler import ForeignSampler
-from gtf_tune.study.runs.seeds import SeedSource
+from gtf_tune.study.runs.plan import SeedSource
 from gtf_tune.study.scoring.early_stopping import PRUNER_FIRST
 from gtf_tune.study.search.qmc import NumberedPointsSampler
 from gtf_tune.study.search.refine import RefineSampler

@@ -1,4 +1,4 @@
-"""Tell the database that this process still works on its trials."""
+"""Record at regular intervals that this process is alive and works on its trials."""
 
 import threading
 from collections.abc import Callable
@@ -7,6 +7,7 @@ from typing import Self
 from gtf_tune.errors import StorageError
 from gtf_tune.store import trial_queue
 from gtf_tune.store.database import Database
+from gtf_tune.store.trial_queue import TrialLease
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 
 INTERVAL_S = 15.0
@@ -15,12 +16,12 @@ _FAREWELL_S = 5.0
 
 
 class Heartbeat:
-    """Beat for every lease that this process holds, from a thread of its own.
+    """Renew every lease that this process holds, from a thread of its own.
 
-    A beat that finds the lease taken over says so to the trial that works on it. A database that cannot be reached is
-    tried again at the next beat, since the workers of the trial will hear of it themselves. Optuna's own heartbeat is
-    not recorded on purpose: other Optuna programs fail stale trials that have one, and the next worker goes on with
-    ours. ``after_beat`` is called between beats, from the thread.
+    Where another worker has taken a trial over, the trial is asked to stop. A database that cannot be reached is tried
+    again at the next beat, since the trial itself will fail on it. Optuna's own heartbeat is not recorded on purpose:
+    other Optuna programs fail stale trials that have one, while our next worker goes on with them. ``after_beat`` is
+    called between beats, from the thread.
     """
 
     def __init__(
@@ -29,21 +30,21 @@ class Heartbeat:
         self._database = database
         self._interval_s = interval_s
         self._after_beat = after_beat
-        self._held: dict[str, tuple[trial_queue.TrialLease, StopRequest]] = {}
+        self._held: dict[str, tuple[TrialLease, StopRequest]] = {}
         self._end = threading.Event()
-        self._thread = threading.Thread(target=self._beat_for_ever, name="heartbeat", daemon=True)
+        self._thread = threading.Thread(target=self._beat_until_end, name="heartbeat", daemon=True)
 
-    def hold(self, lease: trial_queue.TrialLease, stop: StopRequest) -> None:
-        """Start to beat for a lease; ``stop`` is asked to finish its runs if another worker takes the lease over."""
+    def hold(self, lease: TrialLease, stop: StopRequest) -> None:
+        """Begin to renew a lease; ``stop`` is asked to finish the runs if another worker takes the trial over."""
         self._held[lease.token] = (lease, stop)
 
-    def drop(self, lease: trial_queue.TrialLease) -> None:
-        """Stop to beat for a lease."""
+    def drop(self, lease: TrialLease) -> None:
+        """No longer renew a lease."""
         self._held.pop(lease.token, None)
 
     @property
     def holds_any(self) -> bool:
-        """Tell whether this process works on a lease."""
+        """Whether this process works on a trial."""
         return bool(self._held)
 
     def __enter__(self) -> Self:
@@ -56,7 +57,7 @@ class Heartbeat:
         self._end.set()
         self._thread.join(_FAREWELL_S)
 
-    def _beat_for_ever(self) -> None:
+    def _beat_until_end(self) -> None:
         while not self._end.wait(self._interval_s):
             try:
                 self._beat_once()

@@ -1,19 +1,18 @@
-"""Serve every open study of a storage: what one of many workers does on one of many machines."""
+"""Work on every open study of a storage: what one of many workers does on one of many machines."""
 
 import random
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from gtf_tune.errors import DeletedError, GtfTuneError, StorageError
 from gtf_tune.execution import Executor
-from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study, stored_definition
+from gtf_tune.study.events import Callback, Event, TrialStarted, ignore
 from gtf_tune.study.open_study import OpenStudy, SequencePlaces, open_study, trials_left
 from gtf_tune.study.runs.stop import StopRequest
-from gtf_tune.study.work.callbacks import Several, Silent, StudyListener
 from gtf_tune.study.work.heartbeat import GRACE_S, INTERVAL_S
 from gtf_tune.study.work.worker import StudyWorker
 
@@ -24,10 +23,10 @@ _LONGEST_PAUSE_S = 10.0
 
 @dataclass(frozen=True)
 class WorkerRules:
-    """Say what a worker serves and when it leaves.
+    """What a worker works on and when it ends.
 
-    ``names`` are the studies to serve, all where it is empty. ``idle_exit_s`` is how many seconds without work end it:
-    0 as soon as no study that it serves has anything left, infinity never. While others work on the last trials of a
+    ``names`` are the studies to work on, all where it is empty. ``idle_exit_s`` is how many seconds without work end
+    it: 0 as soon as none of its studies has anything left, infinity never. While others work on the last trials of a
     study it is not idle but waits to take over from workers that die. ``beat_s`` and ``grace_s`` are those of
     `StudyWorker`.
     """
@@ -41,21 +40,11 @@ class WorkerRules:
     grace_s: float = GRACE_S
 
 
-class _TrialCount(Silent):
-    """Count the trials that began."""
-
-    def __init__(self) -> None:
-        self.trials = 0
-
-    def trial_started(self, number: int, options: Mapping[str, OptionValue], planned_runs: int) -> None:
-        self.trials += 1
-
-
 @dataclass(frozen=True)
 class LeftStudy:
-    """Hold a study that this worker leaves to others, and why.
+    """Study that this worker leaves to others, and why.
 
-    ``trials`` is how many it still has, ``None`` where that cannot be told without its pipeline.
+    ``trials`` is how many it still has, ``None`` where only its pipeline, which is not here, would say.
     """
 
     name: str
@@ -75,8 +64,8 @@ class WorkerLoop:
     """Take up open studies, oldest first, and go on to the next one where no trial is free.
 
     A study that cannot be worked on here (images missing or different, another version of the pipeline) is left to
-    other workers; ``announce`` gets the reason once, in the words of ``describe``, and it is looked at again a minute
-    later. ``listen`` makes the listener of a study that work begins on.
+    other workers; ``announce`` gets the reason once, in the words of ``describe``, and the study is tried again a
+    minute later. ``callback_of`` returns what gets the events of a study that work begins on.
     """
 
     database: Database
@@ -84,13 +73,13 @@ class WorkerLoop:
     rules: WorkerRules
     stop: StopRequest = field(default_factory=StopRequest)
     announce: Callable[[str], None] = lambda text: None
-    listen: Callable[[OpenStudy], StudyListener] = lambda study: Silent()
+    callback_of: Callable[[OpenStudy], Callback] = lambda study: ignore
     describe: Callable[[GtfTuneError], str] = str
     _opened: dict[int, OpenStudy] = field(default_factory=dict)
     _refused: dict[int, _Refusal] = field(default_factory=dict)
 
     def run(self) -> None:
-        """Serve until idle for long enough or asked to stop.
+        """Work until idle for long enough or asked to stop.
 
         Raises
         ------
@@ -112,9 +101,9 @@ class WorkerLoop:
 
     def left_to_others(self) -> list[LeftStudy]:
         """Return the studies that have trials to do and cannot be worked on here."""
-        open_now = [record for record in self._open_now() if record.id in self._refused]
-        left = [LeftStudy(one.name, self._trials_left(one), self._refused[one.id].reason) for one in open_now]
-        return [one for one in left if one.trials != 0]
+        refused = [record for record in self._open_now() if record.id in self._refused]
+        left = [LeftStudy(study.name, self._trials_left(study), self._refused[study.id].reason) for study in refused]
+        return [study for study in left if study.trials != 0]
 
     def _trials_left(self, record: Study) -> int | None:
         try:
@@ -131,7 +120,7 @@ class WorkerLoop:
         return [record for record in found if not self.rules.names or record.name in self.rules.names]
 
     def _work_on(self, record: Study) -> bool:
-        """Work on a study while it has free slots, and return whether there was any."""
+        """Work on a study while trials are free, and return whether there was any."""
         refusal = self._refused.get(record.id)
         if refusal is not None and refusal.record == record and time.monotonic() < refusal.until:
             return False
@@ -148,21 +137,24 @@ class WorkerLoop:
             return False
 
     def _work(self, study: OpenStudy) -> bool:
-        count = _TrialCount()
-        listener = Several((count, self.listen(study)))
-        rules = self.rules
-        worker = StudyWorker(study, self.executor, self.stop, listener, beat_s=rules.beat_s, grace_s=rules.grace_s)
+        begun: list[int] = []
+
+        def count(event: Event) -> None:
+            if isinstance(event, TrialStarted):
+                begun.append(event.number)
+
+        rules, callbacks = self.rules, (count, self.callback_of(study))
+        worker = StudyWorker(study, self.executor, self.stop, callbacks, beat_s=rules.beat_s, grace_s=rules.grace_s)
         complete = worker.work_while_free(rules.trial_parallel)
-        return complete or count.trials > 0
+        return complete or bool(begun)
 
     def _open(self, record: Study) -> OpenStudy:
         """Return a study ready for work; opened again only if its definition changed, since that reads all images."""
         known = self._opened.get(record.id)
         if known is None or known.record != record:
-            definition = stored_definition(record)
-            searched = {one.name for one in definition.searched_sequences}
+            searched = {sequence.name for sequence in stored_definition(record).searched_sequences}
             stored = studies.sequences(self.database, record.id)
-            places = self.rules.places.of([one for one in stored if one.name in searched])
+            places = self.rules.places.of([sequence for sequence in stored if sequence.name in searched])
             known = open_study(
                 self.database, record.name, places, allow_version_mismatch=self.rules.allow_version_mismatch
             )

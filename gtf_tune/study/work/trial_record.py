@@ -1,4 +1,4 @@
-"""Write down what a trial found: in Optuna's terms and in ours."""
+"""Record what a trial found, in Optuna's terms and in ours."""
 
 import math
 from typing import Any
@@ -9,8 +9,8 @@ from gtf_tune.store.optuna.retrying_storage import gathered
 from gtf_tune.store.trial_queue import TrialResult
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement
 from gtf_tune.study.outcome.pairing import paired_improvement, score_matrices, stored_matrices
+from gtf_tune.study.runs.sequence_runs import SequenceRuns
 from gtf_tune.study.scoring.objective import SequenceScore
-from gtf_tune.study.scoring.reference import Reference
 from gtf_tune.study.scoring.trial_scorer import ScoredTrial
 from gtf_tune.study.work import optuna_trials
 
@@ -25,23 +25,22 @@ def report_instances(trial: Trial, scored: ScoredTrial) -> None:
             trial.report(value, step)
 
 
-def improvement_on_nominal(scored: ScoredTrial, reference: Reference) -> Improvement:
+def improvement_on_nominal(scored: ScoredTrial) -> Improvement:
     """Return the paired improvement of a trial; unknown for nominal itself and where one of the two is infeasible."""
-    if reference.nominal_value is None:
+    if scored.reference.nominal_value is None:
         return UNKNOWN_IMPROVEMENT
-    return paired_improvement(stored_matrices(reference.nominal_detail), score_matrices(scored.score))
+    return paired_improvement(stored_matrices(scored.reference.nominal_detail), score_matrices(scored.score))
 
 
 def set_attributes(trial: Trial, scored: ScoredTrial, improvement: Improvement, wall_s: float) -> None:
-    """Give Optuna the constraint and the headline numbers; short scalars only, left out where they do not exist.
+    """Give Optuna the constraint and the headline numbers: short scalars, absent where they do not exist.
 
     ``improvement_percent`` is the paired improvement, positive where the trial is better than nominal.
     """
-    attributes = _attributes(scored, improvement, wall_s)
     # A trial that an earlier worker nearly finished has the constraint already; Optuna would warn of a second one.
     if COVERAGE_CONSTRAINT not in optuna_trials.known(trial).constraints:
         trial.set_constraint(COVERAGE_CONSTRAINT, scored.score.violation)
-    for name, value in attributes.items():
+    for name, value in _attributes(scored, improvement, wall_s).items():
         trial.set_user_attr(name, value)
 
 
@@ -65,10 +64,13 @@ def _attributes(scored: ScoredTrial, improvement: Improvement, wall_s: float) ->
 
 def trial_result(scored: ScoredTrial, improvement: Improvement, wall_s: float) -> TrialResult:
     """Return the row of a trial, its matrices included."""
-    score = scored.score
+    score, decision = scored.score, scored.decision
     low, high = score.confidence_interval
+    by_sequence = {
+        name: _sequence_detail(sequence, scored.by_sequence[name]) for name, sequence in score.by_sequence.items()
+    }
     return TrialResult(
-        state="pruned" if scored.decision.hopeless else "complete",
+        state="pruned" if decision.hopeless else "complete",
         value=score.value,
         feasible=score.feasible,
         gtf_ate=score.value if score.feasible else None,
@@ -77,33 +79,31 @@ def trial_result(scored: ScoredTrial, improvement: Improvement, wall_s: float) -
         ci_high=_known(high),
         coverage=score.coverage,
         collapsed_rate=_known(score.collapse_rate),
-        clean_runs=sum(use.run.kind == "clean" for use in scored.uses),
-        noisy_runs=sum(use.run.kind == "noisy" for use in scored.uses),
+        clean_runs=sum(run.request.kind == "clean" for run in scored.runs),
+        noisy_runs=sum(run.request.kind == "noisy" for run in scored.runs),
         wall_s=wall_s,
-        message=score.message or (scored.decision.reason if scored.decision.hopeless else ""),
+        message=score.message or (decision.reason if decision.hopeless else ""),
         detail={
-            "sequences": {
-                name: _sequence_detail(one, scored.clean_coverage[name]) for name, one in score.by_sequence.items()
-            },
+            "sequences": by_sequence,
             "instances": list(scored.instances),
-            "sizing": scored.decision.reason,
+            "sizing": decision.reason,
             "improvement": improvement.as_json(),
         },
     )
 
 
-def _sequence_detail(one: SequenceScore, clean_coverage: float) -> dict[str, Any]:
+def _sequence_detail(found: SequenceScore, runs: SequenceRuns) -> dict[str, Any]:
     detail: dict[str, Any] = {
         "value": None,
-        "coverage": one.coverage,
-        "coverage_nominal": clean_coverage,
-        "message": one.message,
+        "coverage": found.coverage,
+        "coverage_nominal": min(runs.clean_coverage),
+        "message": found.message,
     }
-    if one.score is None:
+    if found.score is None:
         return detail
-    score = one.score
+    score = found.score
     return detail | {
-        "value": _known(score.value) if one.feasible else None,
+        "value": _known(score.value) if found.feasible else None,
         "standard_error": _known(score.standard_error),
         "ci": [_known(bound) for bound in score.confidence_interval],
         "matrix": [[_known(value) for value in row] for row in score.matrix.tolist()],

@@ -1,22 +1,23 @@
-"""Work on a study: claim a lease, let the sampler choose, run, score, tell, until the budget is spent."""
+"""Work on a study until its budget is spent: lease a trial, let the sampler choose, run, score, record."""
 
 import random
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 
 from gtf_tune.errors import DeletedError
 from gtf_tune.execution import Executor
 from gtf_tune.store import studies, trial_queue, trials
+from gtf_tune.store.trial_queue import TrialLease
 from gtf_tune.store.workers import Worker, this_worker
+from gtf_tune.study.events import Callback, Event
 from gtf_tune.study.open_study import OpenStudy
 from gtf_tune.study.runs.run_source import Interrupted
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.scoring.early_stopping import sizing_of
 from gtf_tune.study.search.samplers import make_sampler
 from gtf_tune.study.work import optuna_trials
-from gtf_tune.study.work.callbacks import Silent, StudyListener
 from gtf_tune.study.work.heartbeat import GRACE_S, INTERVAL_S, Heartbeat
 from gtf_tune.study.work.trial_runner import TrialRunner
 
@@ -29,17 +30,23 @@ _SIGNAL_POLL_S = 0.5
 class StudyWorker:
     """Work on one open study in this process until its budget is spent or someone asks to stop.
 
-    Several workers, on one or many machines, may serve the same study: trials of the budget are handed out by the
-    database, each to one live worker, and the trials of dead workers are adopted with everything they had finished.
-    A worker looks at the state of its study before every trial and with every heartbeat: it takes no trial of a paused
-    study, and gives its trial back where the study is stopped. ``beat_s`` is how often it says that it lives, and
-    ``grace_s`` how long a worker may be silent before it counts as dead.
+    Several workers, on one or many machines, may work on the same study: the database leases each trial to one live
+    worker, and the trials of dead workers are adopted with every run that had finished. A worker looks at the state of
+    its study before every trial and with every heartbeat: it takes no trial of a paused study, and gives its trial back
+    where the study is stopped.
+
+    Parameters
+    ----------
+    callbacks
+        Each gets every event, from the thread that works on the trial.
+    beat_s, grace_s
+        Seconds between two heartbeats, and seconds of silence after which a worker counts as dead.
     """
 
     study: OpenStudy
     executor: Executor
     stop: StopRequest = field(default_factory=StopRequest)
-    listener: StudyListener = field(default_factory=Silent)
+    callbacks: Sequence[Callback] = ()
     beat_s: float = INTERVAL_S
     grace_s: float = GRACE_S
     worker: Worker = field(default_factory=this_worker)
@@ -55,7 +62,7 @@ class StudyWorker:
         return self._work(trial_parallel, self._others_at_work)
 
     def work_while_free(self, trial_parallel: int = 1) -> bool:
-        """Work until no lease is free now, and return whether the study is complete.
+        """Work until no trial is free now, and return whether the study is complete.
 
         Raises
         ------
@@ -69,7 +76,7 @@ class StudyWorker:
             make_sampler(self.study.definition.search, 0, self.study.space)
         stop = StopRequest(self.stop)
         with (
-            Heartbeat(self.study.database, self.beat_s, lambda: self._heed_state(stop)) as heartbeat,
+            Heartbeat(self.study.database, self.beat_s, lambda: self._stop_with_study(stop)) as heartbeat,
             ThreadPoolExecutor(trial_parallel) as pool,
         ):
             runner = TrialRunner(
@@ -77,23 +84,28 @@ class StudyWorker:
                 executor=self.executor,
                 sizing=sizing_of(self.study.definition),
                 stop=stop,
-                listener=self.listener,
+                on_event=self._announce,
                 heartbeat=heartbeat,
                 ask_lock=threading.Lock(),
             )
-            served = [
-                pool.submit(self._serve, runner, lambda: heartbeat.holds_any or others()) for _ in range(trial_parallel)
+            loops = [
+                pool.submit(self._run_trials, runner, lambda: heartbeat.holds_any or others())
+                for _ in range(trial_parallel)
             ]
             # Not left to the pool, which would wait without end: a signal that reaches another thread (measured, while
             # a process is being started) is only handled when this one wakes up.
-            while wait(served, timeout=_SIGNAL_POLL_S).not_done:
+            while wait(loops, timeout=_SIGNAL_POLL_S).not_done:
                 continue
-        for one in served:
-            one.result()
+        for loop in loops:
+            loop.result()
         return self._close_if_complete()
 
-    def _serve(self, runner: TrialRunner, may_free: Callable[[], bool]) -> None:
-        """Take trials one after the other; where there is none, wait as long as one ``may_free`` itself."""
+    def _announce(self, event: Event) -> None:
+        for callback in self.callbacks:
+            callback(event)
+
+    def _run_trials(self, runner: TrialRunner, may_come_free: Callable[[], bool]) -> None:
+        """Run trials one after the other; where none is free, wait while one ``may_come_free``."""
         pause_s = _FIRST_POLL_S
         while not runner.stop.level and self._is_open():
             self._tell_untold()
@@ -101,7 +113,7 @@ class StudyWorker:
             if lease is not None:
                 pause_s = _FIRST_POLL_S
                 self._run(runner, lease)
-            elif may_free():
+            elif may_come_free():
                 runner.stop.wait(pause_s * random.uniform(0.5, 1.0))
                 pause_s = min(1.5 * pause_s, _LONGEST_POLL_S)
             else:
@@ -110,11 +122,11 @@ class StudyWorker:
     def _is_open(self) -> bool:
         return studies.state(self.study.database, self.study.record.id) == "open"
 
-    def _heed_state(self, stop: StopRequest) -> None:
+    def _stop_with_study(self, stop: StopRequest) -> None:
         if studies.state(self.study.database, self.study.record.id) == "stopped":
             stop.ask(FINISH_RUNS)
 
-    def _run(self, runner: TrialRunner, lease: trial_queue.TrialLease) -> None:
+    def _run(self, runner: TrialRunner, lease: TrialLease) -> None:
         try:
             runner.run(lease)
         except Interrupted:
@@ -126,14 +138,14 @@ class StudyWorker:
             raise
 
     def _check_not_deleted(self, error: Exception) -> None:
-        """Say so if the study is gone: what else goes wrong then, in Optuna or here, only follows from it."""
+        """Raise `DeletedError` if the study is gone: any other error, in Optuna or here, only follows from that."""
         try:
             studies.state(self.study.database, self.study.record.id)
         except DeletedError as deleted:
             raise deleted from error
 
-    def _next_lease(self) -> trial_queue.TrialLease | None:
-        """Return a lease to work on, or ``None`` where there is none now."""
+    def _next_lease(self) -> TrialLease | None:
+        """Return a trial to work on, or ``None`` where none is free now."""
         database, study_id = self.study.database, self.study.record.id
         adopted = trial_queue.adopt_stale(database, study_id, self.worker, self.grace_s)
         if adopted is not None:
@@ -141,7 +153,7 @@ class StudyWorker:
         return trial_queue.lease_trial(database, study_id, self.study.budget, self.worker)
 
     def _tell_untold(self) -> None:
-        """Tell Optuna the end of trials whose worker died between storing and telling it."""
+        """Give Optuna the results of trials whose worker died after storing them, before telling Optuna."""
         for trial in trials.untold(self.study.database, self.study.record.id):
             if trial.optuna_number is not None and trial.value is not None:
                 optuna_trials.tell(self.study.optuna_study, trial.optuna_number, trial.value, trial.state)

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gtf_tune.gtf.random_effects import COLLAPSE_FACTOR
-from gtf_tune.study.scoring.racing import USUAL_FREEDOM, USUAL_SPREAD, compare
+from gtf_tune.study.scoring.early_stopping import USUAL_FREEDOM, USUAL_SPREAD, compare
 
 scores = st.floats(1e-6, 1.0)
 paired = st.lists(st.tuples(scores, scores), min_size=2, max_size=30)
