@@ -5,8 +5,8 @@ import logging
 import threading
 import weakref
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import optuna
 
@@ -21,6 +21,7 @@ from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import stored_definition
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.edit import Extension, extend_study
+from gtf_tune.study.events import Callback, Event, summary
 from gtf_tune.study.open_study import OpenStudy, defined_budget, open_study
 from gtf_tune.study.outcome.confirm import DEFAULT_RUNS, DEFAULT_TOP, confirm, plan_confirmation
 from gtf_tune.study.outcome.improvement import Improvement
@@ -29,7 +30,6 @@ from gtf_tune.study.outcome.verdict import Verdict
 from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
 from gtf_tune.study.runs.stop import StopRequest, signals_to
 from gtf_tune.study.states import reopen_study
-from gtf_tune.study.work.callbacks import Silent, TrialEnd
 from gtf_tune.study.work.worker import StudyWorker
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ class Study:
         reopen_study(self._database, self.name)
         study = self._open()
         with _interruptible() as stop, executor_here(jobs) as executor:
-            StudyWorker(study, executor, stop, _Logged(study)).work(trial_parallel)
+            StudyWorker(study, executor, stop, [_logged(study)]).work(trial_parallel)
         if stop.level:
             raise KeyboardInterrupt
         return self
@@ -163,7 +163,7 @@ class Study:
         study = self._open()
         plan = plan_confirmation(study, {}, top=top, noisy_runs=noisy_runs)
         with _interruptible() as stop, executor_here(jobs) as executor:
-            source = RunSource(self._database, executor, run_limits(study.definition.limits), stop, _Logged(study))
+            source = RunSource(self._database, executor, run_limits(study.definition.limits), stop, _logged(study))
             try:
                 return confirm(study, plan, source)
             except Interrupted:
@@ -303,28 +303,13 @@ def _interruptible() -> Iterator[StopRequest]:
         yield stop
 
 
-@dataclass(frozen=True)
-class _Logged(Silent):
-    """Log trials, failed runs and the choice of noise."""
+def _logged(study: OpenStudy) -> Callback:
+    """Return what logs trials, failed runs and the choice of noise."""
+    unit = definition_unit(study.definition)
 
-    study: OpenStudy
-    _unit: Any = field(init=False)
+    def log(event: Event) -> None:
+        text = summary(event, unit)
+        if text:
+            _log.info("study '%s': %s", study.definition.name, text)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_unit", definition_unit(self.study.definition))
-
-    def trial_finished(self, end: TrialEnd) -> None:
-        """Log how a trial ended."""
-        found = self._unit.told(end.score.value) if end.score.feasible else f"infeasible, {end.score.message}"
-        _log.info("study '%s': trial %d: %s", self.study.definition.name, end.number, found)
-
-    def run_finished(self, slot: Any, run: Any, *, reused: bool) -> None:
-        """Log which run failed, and why."""
-        if run.error and not reused:
-            _log.info(
-                "study '%s': a %s run on %s failed: %s", self.study.definition.name, slot.kind, slot.sequence, run.error
-            )
-
-    def noise_chosen(self, sequence: str, sigma: float, reason: str) -> None:
-        """Log which noise the study takes."""
-        _log.info("study '%s': noise of %s is %g grey levels (%s)", self.study.definition.name, sequence, sigma, reason)
+    return log

@@ -1,7 +1,6 @@
 """Serve the open studies of a storage from this machine."""
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,11 +11,11 @@ from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, St
 from gtf_tune.cli.remedies import with_remedy
 from gtf_tune.cli.storage_access import hush_optuna, storage_flag, wait_for_storage
 from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE, Places, TrialParallel, VersionMismatch, place_folders
-from gtf_tune.cli.terminal.console import chosen_noise, say, tried_noise
+from gtf_tune.cli.terminal.console import say
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
-    from gtf_tune.study.events import Event
+    from gtf_tune.study.events import Callback, Event
     from gtf_tune.study.open_study import OpenStudy
     from gtf_tune.study.work.server import WorkerRules
 
@@ -104,31 +103,15 @@ def _announce_closed(database: "Database", rules: "WorkerRules") -> None:
             say(f"study '{name}' is {state}; open it with: gtf-tune study resume {name}{storage_flag(database)}")
 
 
-def _lines(study: "OpenStudy") -> "Callable[[Event], None]":
+def _lines(study: "OpenStudy") -> "Callback":
     """Return what prints a line for each trial, since a worker's output is read in log files."""
     from gtf_tune.display import definition_unit
-    from gtf_tune.study.events import NoiseChosen, NoiseStarted, RunFinished, TrialFinished, TrialStarted
+    from gtf_tune.study.events import summary
 
     unit = definition_unit(study.definition)
 
-    def line(event: "Event") -> str:
-        match event:
-            case TrialStarted(number):
-                return f"trial {number} begins"
-            case RunFinished(run) if run.stored.error and not run.reused:
-                request = run.request
-                return f"{request.kind} run {request.index} on {request.sequence.name} failed: {run.stored.error}"
-            case NoiseStarted(sequence, sigma, runs):
-                return tried_noise(sequence, sigma, runs)
-            case NoiseChosen(sequence, sigma, reason):
-                return chosen_noise(sequence, sigma, reason)
-            case TrialFinished(number, _, result):
-                found = unit.told(result.value) if result.feasible else f"infeasible, {result.message}"
-                return f"trial {number} is done: {found}"
-        return ""
-
     def write(event: "Event") -> None:
-        text = line(event)
+        text = summary(event, unit)
         if text:
             say(f"{study.definition.name}: {text}")
 

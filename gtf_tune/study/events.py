@@ -13,6 +13,7 @@ A callback takes one event; it is called from the thread that works on the trial
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from gtf_tune.display import ScoreUnit
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store.trial_queue import TrialResult
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement
@@ -43,6 +44,12 @@ class NoiseStarted:
     sigma: float
     planned_runs: int
 
+    @property
+    def text(self) -> str:
+        """The event in words."""
+        noise = f"{self.sigma:g} grey levels" if self.sigma else "none"
+        return f"choosing the noise of {self.sequence}: {noise}, {self.planned_runs} runs"
+
 
 @dataclass(frozen=True)
 class NoiseChosen:
@@ -51,6 +58,11 @@ class NoiseChosen:
     sequence: str
     sigma: float
     reason: str
+
+    @property
+    def text(self) -> str:
+        """The event in words."""
+        return f"noise of {self.sequence}: {self.sigma:g} grey levels ({self.reason})"
 
 
 @dataclass(frozen=True)
@@ -65,6 +77,22 @@ class TrialFinished:
 
 Event = TrialStarted | RunFinished | NoiseStarted | NoiseChosen | TrialFinished
 Callback = Callable[[Event], None]
+
+
+def summary(event: Event, unit: ScoreUnit) -> str:
+    """Return an event in one line for a log, scores in ``unit``; empty for a run that ended well."""
+    match event:
+        case TrialStarted(number):
+            return f"trial {number} begins"
+        case RunFinished(run) if run.stored.error and not run.reused:
+            request = run.request
+            return f"{request.kind} run {request.index} on {request.sequence.name} failed: {run.stored.error}"
+        case NoiseStarted() | NoiseChosen():
+            return event.text
+        case TrialFinished(number, _, result):
+            found = unit.told(result.value) if result.feasible else f"infeasible, {result.message}"
+            return f"trial {number} is done: {found}"
+    return ""
 
 
 def ignore(event: Event) -> None:

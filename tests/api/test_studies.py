@@ -91,9 +91,11 @@ def test_progress_is_logged(folder: Path, here: list[InlineExecutor], caplog: py
     with caplog.at_level(logging.INFO, logger="gtf_tune"):
         analytic(trials=2).run()
 
-    assert [record.message.split(":")[:2] for record in caplog.records] == [
-        ["study 'photos'", " trial 0"],
-        ["study 'photos'", " trial 1"],
+    assert [record.message.split(":")[1] for record in caplog.records] == [
+        " trial 0 begins",
+        " trial 0 is done",
+        " trial 1 begins",
+        " trial 1 is done",
     ]
 
 

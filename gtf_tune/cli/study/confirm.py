@@ -17,10 +17,8 @@ from gtf_tune.cli.study.run import (
     place_folders,
 )
 from gtf_tune.cli.terminal.console import (
-    chosen_noise,
     number,
     say,
-    tried_noise,
     write_json,
     write_line,
     write_pairs,
@@ -92,10 +90,8 @@ def _say_event(event: "Event") -> None:
         case RunFinished(run):
             note = run.stored.error or ("reused" if run.reused else f"{run.stored.wall_s:.1f} s")
             say(f"{run.request.kind} run {run.request.index} on {run.request.sequence.name}: {note}")
-        case NoiseStarted(sequence, sigma, planned_runs):
-            say(tried_noise(sequence, sigma, planned_runs))
-        case NoiseChosen(sequence, sigma, reason):
-            say(chosen_noise(sequence, sigma, reason))
+        case NoiseStarted() | NoiseChosen():
+            say(event.text)
 
 
 def _write(verdict: "Verdict", score: str) -> None:

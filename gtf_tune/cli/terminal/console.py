@@ -83,17 +83,6 @@ def write_pairs(pairs: Mapping[str, str]) -> None:
         stdout().print(table)
 
 
-def tried_noise(sequence: str, sigma: float, runs: int) -> str:
-    """Return in words which noise is tried while a study chooses one."""
-    noise = f"{sigma:g} grey levels" if sigma else "none"
-    return f"choosing the noise of {sequence}: {noise}, {runs} runs"
-
-
-def chosen_noise(sequence: str, sigma: float, reason: str) -> str:
-    """Return in words which noise a study takes, and why."""
-    return f"noise of {sequence}: {sigma:g} grey levels ({reason})"
-
-
 def permille(value: float | None) -> str:
     """Format a fraction of the extent in per mille, with three significant digits."""
     from gtf_tune import display

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from gtf_tune.cli.terminal.console import chosen_noise, duration, say, stderr, tried_noise
+from gtf_tune.cli.terminal.console import duration, say, stderr
 from gtf_tune.study.events import Event, NoiseChosen, NoiseStarted, RunFinished, TrialFinished, TrialStarted
 from gtf_tune.study.runs.sequence_runs import FinishedRun
 
@@ -77,7 +77,7 @@ class StudyProgress:
                     self._noise_began = self._noise_began or time.perf_counter()
                     self._plan(event.planned_runs)
                     if self._progress.disable:
-                        say(tried_noise(event.sequence, event.sigma, event.planned_runs))
+                        say(event.text)
                 case NoiseChosen():
                     self._show_noise(event)
                 case TrialFinished():
@@ -99,8 +99,7 @@ class StudyProgress:
         now = time.perf_counter()
         self._began += now - (self._noise_began or now)
         self._noise_began = None
-        said = chosen_noise(event.sequence, event.sigma, event.reason)
-        self._progress.console.print(said, markup=False, highlight=False)
+        self._progress.console.print(event.text, markup=False, highlight=False)
 
     def _show_trial(self, event: TrialFinished) -> None:
         self._finished += 1
