@@ -17,7 +17,7 @@ setup: $(STAMP) ## Create the environment in .venv
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "gtf-tune needs Python >= 3.11; call make PYTHON=/path/to/python3.11")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,postgres,dask,png]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,postgres,dask,heic,png]'
 	@touch $@
 
 demo: setup ## Render a room, tune GLOMAP on it without ground truth, show and report the result
@@ -38,7 +38,7 @@ test-lowest: setup ## Run the tests on the lowest allowed versions of the depend
 test-newest: setup ## Run the tests on the newest Python of this machine, with the newest dependencies
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/uv venv --quiet --clear --python '$(NEWEST)' $(VENV)-newest
-	$(BIN)/uv pip install --quiet --python $(VENV)-newest/bin/python -e '.[dev,postgres,dask,png]'
+	$(BIN)/uv pip install --quiet --python $(VENV)-newest/bin/python -e '.[dev,postgres,dask,heic,png]'
 	$(VENV)-newest/bin/python --version
 	$(VENV)-newest/bin/python -m pytest -n $(JOBS)
 
@@ -66,7 +66,7 @@ format: setup ## Format the code
 
 lock: setup ## Resolve the dependencies anew into constraints.txt
 	$(BIN)/python -m pip install --quiet uv
-	$(BIN)/uv pip compile pyproject.toml --extra dev --extra postgres --extra dask --extra png --universal --python-version 3.11 --no-header --no-annotate --output-file constraints.txt
+	$(BIN)/uv pip compile pyproject.toml --extra dev --extra postgres --extra dask --extra heic --extra png --universal --python-version 3.11 --no-header --no-annotate --output-file constraints.txt
 
 clean: ## Remove the environment and what the tools left
 	rm -rf $(VENV) $(VENV)-lowest $(VENV)-newest build dist site .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

@@ -102,7 +102,7 @@ WEAKER = MappingProxyType(
 
 _TRAP = Option("inliers", "verification.min_num_inliers", (15, 120, 300, 500, 800), "2V geom. min num inliers")
 
-FRAMES: Mapping[str, Mapping[str, int]] = MappingProxyType(
+FRAMES: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "kitti06": MappingProxyType({"max_frames": 24, "max_image_size": 620}),
         "kitti07": MappingProxyType({"max_frames": 20, "max_image_size": 620}),

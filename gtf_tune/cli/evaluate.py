@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Nominal, Settings
+from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
 from gtf_tune.cli.terminal.console import number, say, write_json, write_pairs
 from gtf_tune.cli.true_errors import Side
 
@@ -22,6 +23,9 @@ def evaluate(
     nominal: Nominal = None,
     setting: Settings = None,
     frames: Frames = None,
+    exclude: Exclude = None,
+    recursive: Recursive = False,
+    camera: CameraFlag = None,
     clean_runs: Annotated[int, typer.Option("--clean-runs", "-k", min=1, help="k.")] = 2,
     noisy_runs: Annotated[int, typer.Option("--noisy-runs", "-K", min=1, help="k_delta.")] = 6,
     noise_sigma: Annotated[float, typer.Option("--noise-sigma", help="Noise in grey levels (0..255).")] = 5.0,
@@ -38,12 +42,12 @@ def evaluate(
     Example: gtf-tune evaluate images/ -o mapper.max_normalized_reproj_error=1e-3
     """
     from gtf_tune.cli.executors import cores, make_executor
-    from gtf_tune.cli.values import parse_frames, parse_nominal, parse_pairs
+    from gtf_tune.cli.values import parse_nominal, parse_pairs
     from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.display import sequence_unit
     from gtf_tune.pipelines import create_pipeline
-    from gtf_tune.sequence import FEWEST_FRAMES, load_sequence
+    from gtf_tune.sequence import FEWEST_FRAMES
     from gtf_tune.study.evaluate import Setting, evaluate_setting
 
     gtf = section_from_dict(
@@ -55,7 +59,8 @@ def evaluate(
     given = parse_nominal(nominal) | parse_pairs(option, "--option")
     measured = section_from_dict(SideMetricDefinition, parse_pairs(side, "--side"), source="--side")
     wanted = Setting(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
-    loaded = load_sequence(sequence, selection=parse_frames(frames), fewest=FEWEST_FRAMES)
+    selection = parse_selection(frames, exclude, recursive)
+    loaded = load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES)
     for note in loaded.notes:
         say(f"note: {note}")
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:

@@ -9,6 +9,7 @@ import typer
 
 from gtf_tune.cli.executors import cores, make_executor
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings
+from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
 from gtf_tune.cli.terminal.console import number, permille, say, write_json, write_line, write_table
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ def noise(
     option: Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="An option.")] = None,
     setting: Settings = None,
     frames: Frames = None,
+    exclude: Exclude = None,
+    recursive: Recursive = False,
+    camera: CameraFlag = None,
     sigmas: Sigmas = None,
     clean_runs: Annotated[int, typer.Option("--clean-runs", "-k", min=1, help="k.")] = 2,
     runs: Annotated[int, typer.Option("--runs", "-K", min=2, help="Noisy runs of each level.")] = 4,
@@ -42,10 +46,10 @@ def noise(
 
     Example: gtf-tune noise images/ --runs 6 --figure noise.html
     """
-    from gtf_tune.cli.values import parse_frames, parse_pairs
+    from gtf_tune.cli.values import parse_pairs
     from gtf_tune.definition import GtfDefinition, LimitsDefinition
-    from gtf_tune.pipelines import create_pipeline
-    from gtf_tune.sequence import FEWEST_FRAMES, load_sequence
+    from gtf_tune.pipelines import create_pipeline, with_focal_prior
+    from gtf_tune.sequence import FEWEST_FRAMES
     from gtf_tune.study.noise.choice import LADDER
     from gtf_tune.study.noise.ladder import NoiseProbe, fresh_runs
     from gtf_tune.study.runs.run_source import run_limits
@@ -55,7 +59,8 @@ def noise(
     ladder = _ladder(sigmas) if sigmas else LADDER
     gtf = GtfDefinition(clean_runs=clean_runs)
     probe = NoiseProbe(chosen, chosen.options.check(given), gtf, seed, runs, ladder)
-    loaded = load_sequence(sequence, selection=parse_frames(frames), fewest=FEWEST_FRAMES)
+    selection = parse_selection(frames, exclude, recursive)
+    loaded = with_focal_prior(load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES), chosen)
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
         found = probe.measure(loaded, fresh_runs(executor, run_limits(LimitsDefinition())), _say_level)
     if json:

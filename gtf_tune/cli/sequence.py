@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gtf_tune.cli.parameters import Frames, Json
+from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
 from gtf_tune.cli.terminal.console import duration, number, say, write_json, write_line, write_pairs
 from gtf_tune.cli.terminal.grouping import GroupedCommands
 
 if TYPE_CHECKING:
-    from gtf_tune.sequence import SequenceReport
+    from gtf_tune.sequence import Sequence, SequenceReport
 
 app = typer.Typer(
     cls=GroupedCommands, help="Check data sets, take frames from videos, render a scene.", no_args_is_help=True
@@ -34,20 +35,23 @@ def inspect(
     path: Annotated[Path, typer.Argument(help="Folder of images, or a data set.")],
     layout: Annotated[str, typer.Option("--layout", help="Force a layout; see 'sequence layouts'.")] = "auto",
     frames: Frames = None,
+    exclude: Exclude = None,
+    recursive: Recursive = False,
+    camera: CameraFlag = None,
     json: Json = False,
 ) -> None:
     """Print what a data set holds, and warn of what will hurt.
 
     Example: gtf-tune sequence inspect images/
     """
-    from gtf_tune.cli.values import parse_frames
     from gtf_tune.definition.model import name_from
-    from gtf_tune.sequence import FEWEST_FRAMES, inspect_sequence, load_sequence
+    from gtf_tune.sequence import FEWEST_FRAMES, inspect_sequence
 
-    report = inspect_sequence(load_sequence(path, layout=layout, selection=parse_frames(frames)))
+    loaded = load_as_asked(path, parse_selection(frames, exclude, recursive), camera, layout=layout)
+    report = inspect_sequence(_with_colmap_prior(loaded))
     if json:
-        camera = vars(report.camera) if report.camera else None
-        write_json({**vars(report), "camera": camera, "gaps": [vars(gap) for gap in report.gaps]})
+        intrinsics = vars(report.camera) if report.camera else None
+        write_json({**vars(report), "camera": intrinsics, "gaps": [vars(gap) for gap in report.gaps]})
         return
     write_pairs(_described(report))
     for note in report.notes:
@@ -55,7 +59,9 @@ def inspect(
     for warning in report.warnings:
         write_line(f"warning: {warning}")
     if report.frames >= FEWEST_FRAMES:
-        chosen = [word for one in frames or [] for word in ("--frames", one)]
+        chosen = [word for given in frames or [] for word in ("--frames", given)]
+        chosen += [word for given in exclude or [] for word in ("--exclude", given)]
+        chosen += ["--recursive"] * recursive + (["--camera", camera] if camera else [])
         words = ["create", name_from(report.name), "--sequence", str(path), *chosen, "--range", _FIRST_RANGE]
         say(f"Next: gtf-tune study {shlex.join(words)}")
 
@@ -108,12 +114,21 @@ def render(
     say(f"Next: gtf-tune sequence inspect {shlex.quote(str(folder))}")
 
 
+def _with_colmap_prior(sequence: "Sequence") -> "Sequence":
+    """Return a sequence of unknown intrinsics with the focal length that COLMAP's pipelines read from EXIF."""
+    from gtf_tune.pipelines import create_pipeline, with_focal_prior
+
+    return sequence if sequence.camera else with_focal_prior(sequence, create_pipeline("glomap"))
+
+
 def _described(report: "SequenceReport") -> dict[str, str]:
     size = f"{report.width}x{report.height} pixels"
     if (report.stored_width, report.stored_height) != (report.width, report.height):
         size += f", resized from {report.stored_width}x{report.stored_height}"
     timing = f", {report.rate_hz:.3g} Hz over {duration(report.duration_s)}" if report.rate_hz else ", no timestamps"
     camera = "unknown; the pipeline will estimate them"
+    if report.focal_prior is not None:
+        camera = f"unknown; glomap and colmap start from the focal length in EXIF, {number(report.focal_prior)} pixels"
     if report.camera is not None:
         params = " ".join(number(value) for value in report.camera.params)
         camera = f"{report.camera.model} {params} (field of view {report.field_of_view_deg:.0f} degrees)"

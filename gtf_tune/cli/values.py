@@ -13,6 +13,10 @@ if TYPE_CHECKING:
     from gtf_tune.sequence.selection import Selection
 
 
+# Fields of a selection that have flags of their own, or none.
+_OWN_FLAGS = ("exclude", "recursive", "rules")
+
+
 def parse_value(text: str) -> Any:
     """Return the TOML value of a text (1e-3, true, 7; True and FALSE too), or the text itself where it is none."""
     if text.lower() in ("true", "false"):
@@ -92,7 +96,7 @@ def parse_frames(texts: list[str] | None) -> "Selection":
     from gtf_tune.sequence.selection import Selection
 
     given = parse_pairs(texts, "--frames")
-    known = [field.name for field in fields(Selection)]
+    known = [field.name for field in fields(Selection) if field.name not in _OWN_FLAGS]
     wrong = [name for name in given if name not in known]
     if wrong:
         raise DefinitionError(f"--frames knows {', '.join(known)}, not {', '.join(wrong)}")

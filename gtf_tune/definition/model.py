@@ -49,6 +49,7 @@ class SequenceDefinition(Section):
     """Name one sequence and say which of its frames are used.
 
     ``path`` is relative to the definition file. ``camera = "unknown"`` ignores the intrinsics that the data set has.
+    ``exclude`` leaves out images whose names or paths fit a glob pattern; ``recursive`` takes those of subfolders too.
     ``holdout`` sequences are only evaluated at confirmation.
     """
 
@@ -62,6 +63,8 @@ class SequenceDefinition(Section):
     max_frames: int | None = Field(default=None, ge=2)
     rate_hz: float | None = Field(default=None, gt=0)
     max_image_size: int | None = Field(default=None, ge=16)
+    exclude: list[str] = Field(default_factory=list)
+    recursive: bool = False
     holdout: bool = False
 
     @property
@@ -69,6 +72,7 @@ class SequenceDefinition(Section):
         """Return the fields that choose frames and their size, as far as they are given."""
         names = ("start", "stop", "stride", "max_frames", "rate_hz", "max_image_size")
         given = {name: getattr(self, name) for name in names}
+        given |= {"exclude": tuple(self.exclude) or None, "recursive": self.recursive or None}
         return {name: value for name, value in given.items() if value is not None}
 
 

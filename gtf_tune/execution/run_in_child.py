@@ -116,6 +116,7 @@ def _run(request: RunRequest, paths: RunPaths, store: StageStore) -> PipelineOut
             threads=request.threads,
             workspace=workspace,
             stages=stages,
+            focal_prior=request.focal_prior,
         )
         output = request.pipeline.run(job)
     if len(output.trajectory) == 0:

@@ -31,8 +31,9 @@ class PipelineJob:
     """Hold what one run of a pipeline works on.
 
     ``images`` are the clean or noisy grey images, ``camera`` the intrinsics in COLMAP's convention or ``None`` where
-    they are unknown, ``options`` the checked values that differ from the pipeline's defaults, ``seed`` a non-negative
-    31-bit number, ``workspace`` an empty folder of the run's own.
+    they are unknown, ``focal_prior`` a focal length in pixels to start from where they are, ``options`` the checked
+    values that differ from the pipeline's defaults, ``seed`` a non-negative 31-bit number, ``workspace`` an empty
+    folder of the run's own.
     """
 
     images: "ImageSource"
@@ -42,6 +43,7 @@ class PipelineJob:
     threads: int
     workspace: Path
     stages: Stages
+    focal_prior: float | None = None
 
 
 @dataclass(frozen=True)

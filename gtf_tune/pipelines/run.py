@@ -43,6 +43,11 @@ class RunRequest:
         return ImageSource(self.sequence, sigma=self.noise_sigma, seed=self.noise_seed)
 
     @property
+    def focal_prior(self) -> float | None:
+        """Return the focal length in pixels that the run starts from, only where intrinsics are unknown."""
+        return self.sequence.focal_prior if self.sequence.camera is None else None
+
+    @property
     def key(self) -> str:
         """Return the hex SHA-256 of everything that the result depends on.
 
@@ -61,6 +66,7 @@ class RunRequest:
                 "index": self.index,
                 "seed": self.seed,
                 "threads": self.threads,
+                **({} if self.focal_prior is None else {"focal_prior": self.focal_prior}),
                 **({"times": [frame.timestamp for frame in self.sequence.frames]} if reads_times else {}),
             }
         )

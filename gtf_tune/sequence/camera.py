@@ -1,4 +1,4 @@
-"""Hold the intrinsics of a camera in COLMAP's models and conventions."""
+"""Intrinsics of a camera in COLMAP's models and conventions."""
 
 import hashlib
 import json
@@ -35,13 +35,15 @@ MODEL_PARAMS: dict[str, str] = {
 
 _HORIZONTAL = {"fx", "cx", "w"}
 _VERTICAL = {"fy", "cy", "h"}
-_FOCAL = {"f", "fx", "fy"}
+_POSITIVE = {"f", "fx", "fy", "w", "h"}
 _ASPECT_TOLERANCE = 0.02
+_LARGEST_SIDE = 1_000_000
+_SKEW_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Hold a COLMAP camera model, the image size in pixels it belongs to, and its parameters.
+    """Intrinsics: a COLMAP camera model, the size in pixels of the images it describes, and its parameters.
 
     The centre of the top left pixel is at (0.5, 0.5), as in COLMAP. OpenCV and most data sets put it at (0, 0): use
     `pinhole_from_opencv` for their numbers.
@@ -67,10 +69,13 @@ class Camera:
             raise SequenceError(
                 f"camera model {self.model} takes {len(names)} parameters ({' '.join(names)}), not {len(self.params)}"
             )
-        if self.width < 1 or self.height < 1:
-            raise SequenceError(f"a camera needs a positive image size, not {self.width}x{self.height}")
+        if not (1 <= self.width <= _LARGEST_SIDE and 1 <= self.height <= _LARGEST_SIDE):
+            raise SequenceError(
+                f"a camera needs an image size of 1 to {_LARGEST_SIDE} pixels a side, not "
+                f"{self.width:.0f}x{self.height:.0f}"
+            )
         for name, value in zip(names, self.params, strict=True):
-            if not math.isfinite(value) or (name in _FOCAL and value <= 0):
+            if not math.isfinite(value) or (name in _POSITIVE and value <= 0):
                 raise SequenceError(
                     f"camera parameter {name} of {self.model} cannot be {value:g}; check the intrinsics"
                 )
@@ -118,5 +123,22 @@ def pinhole_from_opencv(focal: tuple[float, float], centre: tuple[float, float],
 
 def pinhole_from_matrix(matrix: NDArray[np.float64], size: tuple[int, int]) -> Camera:
     """Return a PINHOLE camera from a calibration matrix, (3, 3) or (3, 4), with pixel centres at whole numbers."""
+    check_calibration_matrix(matrix[:, :3])
     fx, fy, cx, cy = (float(matrix[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
     return pinhole_from_opencv((fx, fy), (cx, cy), size)
+
+
+def check_calibration_matrix(matrix: NDArray[np.float64]) -> None:
+    """Raise `SequenceError` if a (3, 3) matrix is not one of focal lengths and a principal point alone."""
+    focal = matrix[[0, 1], [0, 1]]
+    others = matrix[[0, 1, 2, 2], [1, 0, 0, 1]]
+    if not (np.isfinite(matrix).all() and (focal > 0).all() and abs(matrix[2, 2] - 1) <= _SKEW_TOLERANCE):
+        raise SequenceError(
+            "expected a calibration matrix [fx 0 cx; 0 fy cy; 0 0 1] with positive focal lengths, found another; "
+            "check the file, or give the camera"
+        )
+    if np.abs(others).max() > _SKEW_TOLERANCE * focal.max():
+        raise SequenceError(
+            "expected a calibration matrix [fx 0 cx; 0 fy cy; 0 0 1], found one with skew, which no camera model has; "
+            "check the file, or give the camera"
+        )

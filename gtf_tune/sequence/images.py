@@ -1,35 +1,30 @@
 """Read image files as 8-bit grey, and their sizes without decoding them."""
 
+import io
 import struct
-from collections.abc import Iterator
+import warnings
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from gtf_tune.errors import SequenceError
+from gtf_tune.sequence.image_formats import HEIF_SUFFIXES, LATER_SUFFIXES
+from gtf_tune.sequence.image_integrity import check_complete, check_undamaged, jpeg_segments
 from gtf_tune.sequence.image_noise import GreyImage
 
-IMAGE_SUFFIXES = frozenset({".bmp", ".jpeg", ".jpg", ".pgm", ".png", ".ppm", ".tif", ".tiff"})
-IMAGE_KINDS = ", ".join(sorted(suffix[1:] for suffix in IMAGE_SUFFIXES))
-"""The formats that are read, for messages."""
-
 _HEADER_BYTES = 1 << 16
-_TAIL_BYTES = 1 << 16
 _UINT8_STEP = 257
-_JPEG_SCAN = 0xDA
-_JPEG_END = b"\xff\xd9"
+_MOST_PIXELS = 1 << 28
 
 # TIFF tags by which OpenCV would change pixels, and values with which it does not: upright, and alpha multiplied in.
 _TIFF_ORDERS = {b"II*\x00": "<", b"MM\x00*": ">"}
 _TIFF_SHORT = 3
 _TIFF_NEUTRAL = {0x0112: 1, 0x0152: 1}
 
-
-def is_image(path: Path) -> bool:
-    """Tell whether the name is that of an image; hidden files (as macOS leaves them) are not."""
-    return path.suffix.lower() in IMAGE_SUFFIXES and not path.name.startswith(".")
+_LEAVE_OUT = "replace the file, or leave it out with exclude"
 
 
 def read_grey(path: Path) -> GreyImage:
@@ -37,19 +32,17 @@ def read_grey(path: Path) -> GreyImage:
 
     Colour becomes grey by OpenCV's weights (0.299 R + 0.587 G + 0.114 B); an alpha channel is ignored. 16-bit values
     are divided by 257 and rounded, so that 65535 becomes 255: images that use only the lower bits stay dark. The EXIF
-    orientation is ignored, because intrinsics belong to the pixels as they are stored.
+    orientation is ignored, because intrinsics belong to the pixels as they are stored; HEIC comes upright.
 
     Raises
     ------
     SequenceError
-        The file is missing, empty, damaged, not an image, or neither 8 nor 16 bits deep.
+        The file is missing, empty, damaged, not an image, too large, or neither 8 nor 16 bits deep.
     """
     data = _read_bytes(path)
-    _check_complete(path, data[:4], data[-_TAIL_BYTES:])
-    pixels = cv2.imdecode(np.frombuffer(_as_stored(data), dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    if pixels is None:
-        raise SequenceError(f"{path}: cannot be decoded as an image; replace the file or leave the frame out")
-    return _to_grey(path, pixels)
+    check_complete(path, io.BytesIO(data), len(data))
+    check_undamaged(path, data)
+    return _to_grey(path, _decoded(path, data))
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -58,20 +51,18 @@ def image_size(path: Path) -> tuple[int, int]:
     Raises
     ------
     SequenceError
-        The file is missing, empty, cut off or not an image.
+        The file is missing, empty, cut off, too large or not an image.
     """
+    _check_regular(path)
     try:
         with path.open("rb") as file:
             head = file.read(_HEADER_BYTES)
-            file.seek(max(0, path.stat().st_size - _TAIL_BYTES))
-            tail = file.read()
+            _check_not_empty(path, head)
+            check_complete(path, file, path.stat().st_size)
     except OSError as error:
         raise _unreadable(path, error) from error
-    _check_not_empty(path, head)
-    _check_complete(path, head[:4], tail)
-    size = _size_from_header(head) or tuple(read_grey(path).shape[::-1])
-    if min(size) < 1:
-        raise SequenceError(f"{path}: the image has no pixels ({size[0]}x{size[1]}); leave the frame out")
+    size = _size_from_header(head) or _size_from_pillow(path) or tuple(read_grey(path).shape[::-1])
+    _check_size(path, size[0], size[1])
     return size[0], size[1]
 
 
@@ -81,6 +72,7 @@ def sharpness(grey: GreyImage) -> float:
 
 
 def _read_bytes(path: Path) -> bytes:
+    _check_regular(path)
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -89,27 +81,59 @@ def _read_bytes(path: Path) -> bytes:
     return data
 
 
+def _check_regular(path: Path) -> None:
+    """Refuse pipes and devices: reading one may never end."""
+    try:
+        if path.exists() and not path.is_file():
+            raise SequenceError(f"{path}: expected an image file, found a folder, a pipe or a device; {_LEAVE_OUT}")
+    except OSError as error:
+        raise _unreadable(path, error) from error
+
+
 def _unreadable(path: Path, error: OSError) -> SequenceError:
     return SequenceError(f"{path}: cannot read the image ({error.strerror}); check the path and its permissions")
 
 
 def _check_not_empty(path: Path, data: bytes) -> None:
     if not data:
-        raise SequenceError(f"{path}: the image file is empty; replace the file or leave the frame out")
+        raise SequenceError(f"{path}: the image file is empty; {_LEAVE_OUT}")
 
 
-def _check_complete(path: Path, magic: bytes, tail: bytes) -> None:
-    """Find cut-off files: libjpeg fills what is missing with grey and reports success."""
-    is_jpeg = magic.startswith(b"\xff\xd8\xff")
-    end = _JPEG_END if is_jpeg else b"IEND" if magic == b"\x89PNG" else b""
-    if end not in tail and not (is_jpeg and _ends_before_more(_read_bytes(path))):
-        raise SequenceError(f"{path}: the image file is cut off; replace the file or leave the frame out")
+def _check_size(path: Path, width: int, height: int) -> None:
+    if min(width, height) < 1:
+        raise SequenceError(f"{path}: the image has no pixels ({width}x{height}); {_LEAVE_OUT}")
+    if width * height > _MOST_PIXELS:
+        raise SequenceError(
+            f"{path}: expected at most {_MOST_PIXELS // 10**6} million pixels, found {width}x{height}; shrink the image"
+        )
 
 
-def _ends_before_more(data: bytes) -> bool:
-    """Tell whether a JPEG image is whole and other data follow it, as phones append the film of a motion photo."""
-    scan = next((at for marker, at in _jpeg_segments(data) if marker == _JPEG_SCAN), len(data))
-    return _JPEG_END in data[scan:]
+def _decoded(path: Path, data: bytes) -> NDArray[np.generic]:
+    """Return the pixels as they are stored, with channels in OpenCV's order."""
+    if path.suffix.lower() in HEIF_SUFFIXES:
+        return _decoded_heif(path, data)
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error says what is wrong
+    try:
+        pixels = cv2.imdecode(np.frombuffer(_as_stored(data), dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    except cv2.error as error:
+        raise SequenceError(f"{path}: cannot be decoded as an image ({error.err}); {_LEAVE_OUT}") from error
+    if pixels is None:
+        raise SequenceError(f"{path}: cannot be decoded as an image; {_LEAVE_OUT}")
+    return np.asarray(pixels)
+
+
+def _decoded_heif(path: Path, data: bytes) -> NDArray[np.generic]:
+    try:
+        from pillow_heif import open_heif
+    except ImportError as error:
+        raise SequenceError(
+            f"{path}: HEIC needs the package pillow-heif; install it with: pip install 'gtf-tune[heic]', convert the "
+            "photographs, or leave them out with exclude"
+        ) from error
+    try:
+        return np.asarray(open_heif(data, convert_hdr_to_8bit=False, bgr_mode=True))
+    except (OSError, ValueError, RuntimeError, SyntaxError, EOFError) as error:
+        raise SequenceError(f"{path}: cannot be decoded as an image ({error}); {_LEAVE_OUT}") from error
 
 
 def _to_grey(path: Path, pixels: NDArray[np.generic]) -> GreyImage:
@@ -141,6 +165,23 @@ def _as_stored(data: bytes) -> bytes:
     return bytes(changed)
 
 
+def _size_from_pillow(path: Path) -> tuple[int, int] | None:
+    """Return the size of the formats that are slow to decode, where the header says it."""
+    if path.suffix.lower() not in LATER_SUFFIXES:
+        return None
+    try:
+        if path.suffix.lower() in HEIF_SUFFIXES:
+            from pillow_heif import open_heif
+
+            width, height = open_heif(path).size
+            return width, height
+        with warnings.catch_warnings(), Image.open(path) as image:
+            warnings.simplefilter("ignore")
+            return image.size
+    except (ImportError, OSError, ValueError, RuntimeError, SyntaxError, Image.DecompressionBombError):
+        return None  # reading the pixels says what is wrong
+
+
 def _size_from_header(head: bytes) -> tuple[int, int] | None:
     if head.startswith(b"\x89PNG") and len(head) >= 24:
         width, height = struct.unpack(">II", head[16:24])
@@ -152,18 +193,8 @@ def _size_from_header(head: bytes) -> tuple[int, int] | None:
 
 def _jpeg_size(head: bytes) -> tuple[int, int] | None:
     """Read the frame header (SOF0..SOF15 without DHT, JPG and DAC)."""
-    for marker, at in _jpeg_segments(head):
+    for marker, at in jpeg_segments(head):
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack(">HH", head[at + 5 : at + 9])
             return width, height
     return None
-
-
-def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
-    """Yield the marker of each segment and where it begins, up to the first scan."""
-    at, marker = 2, 0
-    while at + 9 <= len(data) and data[at] == 0xFF and marker != _JPEG_SCAN:
-        marker = data[at + 1]
-        if marker != 0xFF:  # more of them may stand before a marker
-            yield marker, at
-        at += 1 if marker == 0xFF else 2 + int(struct.unpack(">H", data[at + 2 : at + 4])[0])

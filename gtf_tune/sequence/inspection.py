@@ -9,6 +9,7 @@ import numpy as np
 
 from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.content import FrameContent, PairContent, frame_content, pair_content
+from gtf_tune.sequence.exif import exif_notes
 from gtf_tune.sequence.loading import FEWEST_FRAMES
 from gtf_tune.sequence.value import Sequence
 
@@ -40,8 +41,9 @@ class SequenceReport:
     """Hold what `inspect_sequence` found.
 
     ``rate_hz`` and ``duration_s`` are 0 where there are no timestamps. ``field_of_view_deg`` is horizontal, 0 where
-    intrinsics are unknown. ``ground_truth_extent`` is the RMS distance of the true positions from their mean, in the
-    data set's unit. ``checked_frames`` images were looked at, evenly spread; ``warnings`` are full sentences.
+    intrinsics are unknown; ``focal_prior`` is a rough focal length in pixels then. ``ground_truth_extent`` is the RMS
+    distance of the true positions from their mean, in the data set's unit. ``checked_frames`` images were looked at,
+    evenly spread; ``warnings`` are full sentences.
     """
 
     name: str
@@ -64,6 +66,7 @@ class SequenceReport:
     median_shift_px: float
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
+    focal_prior: float | None = None
 
 
 def inspect_sequence(sequence: Sequence) -> SequenceReport:
@@ -98,8 +101,9 @@ def inspect_sequence(sequence: Sequence) -> SequenceReport:
         checked_frames=len(frames),
         median_corners=float(np.median([frame.corners for frame in frames])),
         median_shift_px=float(np.median(shifts)) if shifts else 0.0,
-        notes=sequence.notes,
+        notes=(*sequence.notes, *exif_notes(sequence)),
         warnings=(*_warn_of_frames(frames), *_warn_of_pairs(pairs), *_warn_of_facts(sequence, gaps)),
+        focal_prior=sequence.focal_prior,
     )
 
 
@@ -192,11 +196,15 @@ def _warn_of_facts(sequence: Sequence, gaps: tuple[Gap, ...]) -> Iterable[str]:
     if gaps:
         counted = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
         yield f"the recording has {counted}; sequential matching may not bridge them"
-    yield from _warn_of_camera(sequence.camera)
+    yield from _warn_of_camera(sequence)
     yield from _warn_of_ground_truth(sequence)
 
 
-def _warn_of_camera(camera: Camera | None) -> Iterable[str]:
+def _warn_of_camera(sequence: Sequence) -> Iterable[str]:
+    camera = sequence.camera
+    if camera is None and sequence.focal_prior is not None:
+        yield "of the intrinsics only a rough focal length is known: refining it costs precision"
+        return
     if camera is None:
         yield "intrinsics are unknown: the pipeline has to find them, which costs precision"
         return

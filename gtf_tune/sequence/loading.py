@@ -2,15 +2,19 @@
 
 from os import PathLike
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
+from gtf_tune.sequence.image_formats import CLASSIC_SUFFIXES, IMAGE_SUFFIXES
 from gtf_tune.sequence.images import image_size
-from gtf_tune.sequence.layouts.base import Layout, Recording
+from gtf_tune.sequence.layouts.base import Layout, Reading, Recording
 from gtf_tune.sequence.layouts.registry import AUTO, find_layout
+from gtf_tune.sequence.layouts.unread import unread_files
 from gtf_tune.sequence.selection import Selection
+from gtf_tune.sequence.shared_camera import SharedCamera, shared_camera
 from gtf_tune.sequence.value import Frame, Sequence
 from gtf_tune.trajectory import Trajectory
 from gtf_tune.trajectory.alignment import MIN_MATCHED
@@ -18,7 +22,10 @@ from gtf_tune.trajectory.alignment import MIN_MATCHED
 FEWEST_FRAMES = MIN_MATCHED
 """Frames that a sequence must have to be worked on: with fewer, no two trajectories can be compared."""
 
+Intrinsics = Camera | Literal["auto", "unknown"]
+
 _ALL = Selection()
+_BY_FILES: Literal["auto"] = "auto"
 
 
 def load_sequence(
@@ -26,7 +33,7 @@ def load_sequence(
     name: str | None = None,
     layout: str = AUTO,
     selection: Selection = _ALL,
-    camera: Camera | None = None,
+    camera: Intrinsics = _BY_FILES,
     fewest: int = 1,
 ) -> Sequence:
     """Return the sequence found at a path.
@@ -44,7 +51,8 @@ def load_sequence(
     selection
         Which frames are used, and at what size.
     camera
-        Intrinsics to use instead of the data set's, for the stored images or any uniform resizing of them.
+        "auto" for the data set's intrinsics, "unknown" for none, or those to use instead, for the stored images or any
+        uniform resizing of them. Unless it is "auto", a calibration that cannot be read does not matter.
     fewest
         Frames that must be left after the selection; `FEWEST_FRAMES` for work on the sequence.
 
@@ -57,13 +65,15 @@ def load_sequence(
     root = Path(path).expanduser().absolute()
     if not root.exists():
         raise SequenceError(f"{root}: there is no such file or folder; check the path")
-    found = find_layout(root, layout)
-    recording = _read(found, root)
-    frames = _select(recording, selection, root)
+    found = find_layout(root, layout, recursive=selection.recursive)
+    recording = _read(found, root, selection)
+    shared = shared_camera(recording, selection.rules) if camera == "auto" else SharedCamera(recording.frames)
+    frames = _select(recording, shared.frames, selection, root)
     _require(fewest, frames, recording, root)
     stored = _common_size(frames)
+    known = shared.camera if isinstance(camera, str) else camera
+    fitted = known.fitted(*stored) if known else None
     width, height = selection.image_size(*stored)
-    known = camera or recording.camera
     return Sequence(
         name=name or root.name,
         root=root,
@@ -71,31 +81,40 @@ def load_sequence(
         frames=frames,
         width=width,
         height=height,
-        camera=known.fitted(*stored).scaled(width, height) if known else None,
+        camera=fitted.scaled(width, height) if fitted else None,
         ground_truth=_restricted(recording.ground_truth, frames),
         stored_size=stored,
         has_timestamps=recording.has_timestamps,
-        notes=recording.notes,
+        notes=(*recording.notes, *shared.notes, *_resized(known, stored), *unread_files(root, recording.files)),
     )
 
 
-def _read(layout: Layout, root: Path) -> Recording:
+def _read(layout: Layout, root: Path, selection: Selection) -> Recording:
+    reading = Reading(selection.recursive, CLASSIC_SUFFIXES if selection.rules == 1 else IMAGE_SUFFIXES)
     try:
-        return layout.read(root)
+        return layout.read(root, reading)
     except OSError as error:
         reason = f"{error.filename or root}: cannot be read as layout '{layout.name}' ({error.strerror})"
         raise SequenceError(f"{reason}; check the path and its permissions") from error
 
 
-def _select(recording: Recording, selection: Selection, root: Path) -> tuple[Frame, ...]:
+def _resized(camera: Camera | None, stored: tuple[int, int]) -> tuple[str, ...]:
+    if camera is None or (camera.width, camera.height) == stored:
+        return ()
+    size = f"{camera.width}x{camera.height}"
+    return (f"the intrinsics are for {size} images and were scaled to those of {stored[0]}x{stored[1]}",)
+
+
+def _select(recording: Recording, frames: tuple[Frame, ...], selection: Selection, root: Path) -> tuple[Frame, ...]:
     if selection.rate_hz and not recording.has_timestamps:
         raise SequenceError(f"{root}: rate_hz needs timestamps, which this data set does not have; use stride")
-    positions = selection.positions([frame.timestamp for frame in recording.frames])
+    kept = selection.without_excluded(frames, root)
+    positions = selection.positions([frame.timestamp for frame in kept])
     if not positions:
         raise SequenceError(
-            f"{root}: the selection leaves none of the {len(recording.frames)} images; start must be smaller than that"
+            f"{root}: the selection leaves none of the {len(kept)} images; start must be smaller than that"
         )
-    return tuple(recording.frames[position] for position in positions)
+    return tuple(kept[position] for position in positions)
 
 
 def _require(fewest: int, frames: tuple[Frame, ...], recording: Recording, root: Path) -> None:
@@ -105,7 +124,7 @@ def _require(fewest: int, frames: tuple[Frame, ...], recording: Recording, root:
         raise SequenceError(f"{root}: expected at least {fewest} frames, not {len(frames)}; add more images")
     raise SequenceError(
         f"{root}: the selection leaves {len(frames)} of the {len(recording.frames)} frames, at least {fewest} are "
-        "needed; change start, stop, stride, rate_hz or max_frames"
+        "needed; change start, stop, stride, rate_hz, max_frames or exclude"
     )
 
 

@@ -1,18 +1,25 @@
 """Choose which frames of a sequence are used, and at what size."""
 
+import fnmatch
 import math
 from collections.abc import Sequence as Items
 from dataclasses import dataclass
+from pathlib import Path
 
 from gtf_tune.errors import SequenceError
+from gtf_tune.sequence.value import Frame
 
 # A frame that is early by less than this share of the period counts as on time: timestamps are rounded.
 _EARLY = 1e-3
 
 
+LOADING_RULES = 2
+"""Rules by which folders are read now; rules 1 read fewer formats and kept the images of all cameras."""
+
+
 @dataclass(frozen=True)
 class Selection:
-    """Say which frames of a sequence are used, and at what size; the default uses all of them as they are.
+    """Which frames of a sequence are used, and at what size; the default uses all of them as they are.
 
     The steps apply in this order:
 
@@ -24,6 +31,11 @@ class Selection:
 
     So the paper's "50 of 2000 images, 3.06 Hz" is ``Selection(rate_hz=3.06, max_frames=50)``; 50 frames spread evenly
     over 2000 are ``Selection(stride=40)``.
+
+    ``exclude`` leaves images out before all that, by glob patterns of their names or of their paths below the folder;
+    frames keep their numbers. ``recursive`` takes the images of subfolders too where the data set is a plain folder.
+
+    ``rules`` are `LOADING_RULES`, or those that a stored study began with, so that it keeps its frames.
 
     ``max_image_size`` shrinks images so that the longer side has at most that many pixels (0 leaves them); intrinsics
     follow.
@@ -40,6 +52,9 @@ class Selection:
     rate_hz: float = 0.0
     max_frames: int = 0
     max_image_size: int = 0
+    exclude: tuple[str, ...] = ()
+    recursive: bool = False
+    rules: int = LOADING_RULES
 
     def __post_init__(self) -> None:
         lowest = {"start": 0, "stop": 0, "stride": 1, "rate_hz": 0, "max_frames": 0, "max_image_size": 0}
@@ -50,6 +65,21 @@ class Selection:
                 raise SequenceError(f"{name} must be a {kind} number of at least {low}, not {value:g}")
         if self.stop and self.stop <= self.start:
             raise SequenceError(f"stop must be larger than start ({self.start}), not {self.stop}; 0 means to the end")
+
+    def without_excluded(self, frames: tuple[Frame, ...], root: Path) -> tuple[Frame, ...]:
+        """Return the frames whose images no pattern excludes, or raise `SequenceError` for a pattern that fits none."""
+        folder = root if root.is_dir() else root.parent
+        for pattern in self.exclude:
+            kept = tuple(frame for frame in frames if not _fits(frame.path, folder, pattern))
+            if len(kept) == len(frames):
+                raise SequenceError(
+                    f"exclude '{pattern}' fits none of the {len(frames)} images, such as {frames[0].path.name}; check "
+                    "the pattern"
+                )
+            if not kept:
+                raise SequenceError(f"exclude '{pattern}' leaves no image; give a pattern that fits fewer")
+            frames = kept
+        return frames
 
     def positions(self, timestamps: Items[float]) -> list[int]:
         """Return the positions of the chosen frames among frames with these timestamps in seconds."""
@@ -65,6 +95,11 @@ class Selection:
             return width, height
         factor = self.max_image_size / longest
         return max(1, round(width * factor)), max(1, round(height * factor))
+
+
+def _fits(path: Path, folder: Path, pattern: str) -> bool:
+    names = [path.name, *([path.relative_to(folder).as_posix()] if path.is_relative_to(folder) else [])]
+    return any(fnmatch.fnmatchcase(name, pattern) for name in names)
 
 
 def _thinned(positions: list[int], timestamps: Items[float], rate_hz: float) -> list[int]:

@@ -34,7 +34,8 @@ class Sequence:
     ``width`` and ``height`` are what the pipeline sees, in pixels; ``stored_size`` is that of the files. ``camera``
     belongs to the images as the pipeline sees them. ``ground_truth`` has the frame ids of the frames that have a pose.
     ``has_timestamps`` is false where the data set only orders its images; timestamps then count frames. ``notes`` say
-    what the loader found odd.
+    what the loader found odd. ``focal_prior`` is a focal length in pixels, as the pipeline sees the images, to start
+    from where the camera is unknown.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Sequence:
     stored_size: tuple[int, int]
     has_timestamps: bool = True
     notes: tuple[str, ...] = ()
+    focal_prior: float | None = None
 
     def __len__(self) -> int:
         return len(self.frames)

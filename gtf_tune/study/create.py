@@ -18,11 +18,12 @@ from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
-from gtf_tune.store.studies import NewStudy, Study, StudySequence
-from gtf_tune.study.open_study import load_defined_sequence, make_pipeline, runnable
+from gtf_tune.store.studies import NewStudy, Study
+from gtf_tune.study.open_study import make_pipeline, runnable
 from gtf_tune.study.scoring.rules import RESOLVED_KEY, SCORING_VERSION
 from gtf_tune.study.search.samplers import check_search
 from gtf_tune.study.search.space import build_space, space_faults
+from gtf_tune.study.sequences import load_defined_sequence, sequence_row
 from gtf_tune.version import __version__
 
 METRIC_NAME = "GTF ATE"
@@ -62,9 +63,9 @@ def create_study(
     pipeline.options.check({**definition.fixed_options, **space.nominal})
     check_search(definition, space)
     refuse_taken_name(database, definition.name)
-    loaded = [load_defined_sequence(one, root) for one in definition.sequences]
+    loaded = [load_defined_sequence(one, root, pipeline) for one in definition.sequences]
     _refuse_same_images(loaded)
-    rows = tuple(_row(one.path, sequence) for one, sequence in zip(definition.sequences, loaded, strict=True))
+    rows = tuple(sequence_row(one.path, sequence) for one, sequence in zip(definition.sequences, loaded, strict=True))
     resolved = {
         "noise_sigma": _sigmas(definition),
         RESOLVED_KEY: SCORING_VERSION,
@@ -159,18 +160,3 @@ def _sigmas(definition: StudyDefinition) -> dict[str, float]:
     """Return the noise of each sequence as far as it is known: "auto" is measured before the first trial."""
     sigma = definition.gtf.noise_sigma
     return {} if isinstance(sigma, str) else {one.name: sigma for one in definition.sequences}
-
-
-def _row(path: str, sequence: Sequence) -> StudySequence:
-    camera = sequence.camera
-    return StudySequence(
-        name=sequence.name,
-        path=path,
-        layout=sequence.layout,
-        fingerprint=sequence.fingerprint,
-        num_frames=len(sequence),
-        width=sequence.width,
-        height=sequence.height,
-        camera=f"{camera.model} {' '.join(repr(value) for value in camera.params)}" if camera else "unknown",
-        has_ground_truth=sequence.ground_truth is not None,
-    )

@@ -8,7 +8,7 @@ from typing import Any
 from gtf_tune.definition import GtfDefinition, LimitsDefinition, SideMetricDefinition
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.execution import Executor
-from gtf_tune.pipelines import OptionValue, Pipeline
+from gtf_tune.pipelines import OptionValue, Pipeline, with_focal_prior
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.sequence import Sequence
 from gtf_tune.study.ground_truth.errors import side_metric
@@ -68,6 +68,7 @@ def evaluate_setting(
     A setting is infeasible here only if fewer than four frames are registered: there is no nominal run to compare with.
     """
     gtf = setting.gtf
+    sequence = with_focal_prior(sequence, setting.pipeline)
     planner = RunPlanner(setting.pipeline, gtf, SeedSource(setting.seed), {})
     limits = run_limits(setting.limits)
     order = run_order(gtf.clean_runs, gtf.noisy_runs_max)

@@ -1,7 +1,7 @@
 """Open a stored study for work on this machine: its definition, pipeline, sequences and Optuna study."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import optuna
@@ -10,7 +10,7 @@ from optuna.samplers import RandomSampler
 from gtf_tune.definition import DEFAULT_TRIALS, SequenceDefinition, StudyDefinition
 from gtf_tune.errors import DefinitionError, SequenceError
 from gtf_tune.pipelines import Pipeline, create_pipeline
-from gtf_tune.sequence import FEWEST_FRAMES, Camera, Selection, Sequence, load_sequence
+from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import optuna_storage
@@ -19,6 +19,7 @@ from gtf_tune.study.runs.plan import RunPlanner, SeedSource
 from gtf_tune.study.scoring.rules import check_rules
 from gtf_tune.study.search.samplers import make_pruner
 from gtf_tune.study.search.space import SearchSpace, build_space
+from gtf_tune.study.sequences import load_stored_sequence
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,8 @@ class OpenStudy:
     """Study that can be worked on here.
 
     ``sequences`` are those that the search sees, by name; ``sigmas`` their noise in grey levels. ``mismatch`` says how
-    the pipeline's version here differs from the one that the study began with, where that was allowed.
+    the pipeline's version here differs from the one that the study began with, where that was allowed; ``changes`` are
+    sentences on what the files of a sequence now say otherwise than when the study began.
     """
 
     database: Database
@@ -38,6 +40,7 @@ class OpenStudy:
     sigmas: Mapping[str, float]
     optuna_study: optuna.Study = field(repr=False)
     mismatch: str = ""
+    changes: tuple[str, ...] = ()
 
     @property
     def planner(self) -> RunPlanner:
@@ -88,30 +91,34 @@ def open_study(
         sampler=RandomSampler(definition.search.seed),  # workers make one for every trial
         pruner=make_pruner(definition.search),
     )
+    sequences, changes = _searched_sequences(database, record, definition, places or {})
     return OpenStudy(
         database=database,
         record=record,
         definition=definition,
         pipeline=pipeline,
         space=space,
-        sequences=_searched_sequences(database, record, definition, places or {}),
+        sequences=sequences,
         sigmas={str(key): float(value) for key, value in record.resolved["noise_sigma"].items()},
         optuna_study=optuna_study,
         mismatch=mismatch,
+        changes=changes,
     )
 
 
 def _searched_sequences(
     database: Database, study: Study, definition: StudyDefinition, places: Mapping[str, Path]
-) -> dict[str, Sequence]:
-    expected = {sequence.name: sequence.fingerprint for sequence in studies.sequences(database, study.id)}
-    root = Path(study.root)
-    folders = folders_of(definition, root, places)
-    found = {}
+) -> tuple[dict[str, Sequence], tuple[str, ...]]:
+    """Return the sequences that the search sees by name, and a sentence on each camera that differs now."""
+    stored = {sequence.name: sequence for sequence in studies.sequences(database, study.id)}
+    folders = folders_of(definition, Path(study.root), places)
+    found: dict[str, Sequence] = {}
+    changes = []
     for defined in definition.searched_sequences:
-        found[defined.name] = load_defined_sequence(defined, root, folders[defined.name])
-        check_fingerprint(found[defined.name], expected[defined.name])
-    return found
+        name = defined.name
+        found[name], change = load_stored_sequence(defined, stored[name], folders[name])
+        changes.append(change)
+    return found, tuple(change for change in changes if change)
 
 
 def _version_mismatch(record: Study, pipeline: str, version: str) -> str:
@@ -139,39 +146,6 @@ def trials_left(database: Database, study: Study) -> int:
     counts = trials.counts(database, study.id)
     budget = defined_budget(stored_definition(study))
     return max(budget - sum(counts.values()), 0) + counts.get("claimed", 0)
-
-
-def load_defined_sequence(definition: SequenceDefinition, root: Path, override: Path | None = None) -> Sequence:
-    """Load a sequence as its definition says; relative paths start at ``root``, ``override`` replaces the path.
-
-    Raises
-    ------
-    SequenceError
-        The sequence cannot be read, or has too few frames for trajectories to be compared.
-    """
-    sequence = load_sequence(
-        override or root / definition.path,
-        name=definition.name,
-        layout=definition.layout,
-        selection=Selection(**definition.selection),
-        fewest=FEWEST_FRAMES,
-    )
-    if definition.camera == "auto":
-        return sequence
-    if definition.camera == "unknown":
-        return replace(sequence, camera=None)
-    camera = Camera(definition.camera.model, *sequence.stored_size, params=tuple(definition.camera.params))
-    return replace(sequence, camera=camera.scaled(sequence.width, sequence.height))
-
-
-def check_fingerprint(sequence: Sequence, expected: str) -> None:
-    """Raise `SequenceError` if the pixels of a sequence are not those that the study began with."""
-    if sequence.fingerprint != expected:
-        raise SequenceError(
-            f"sequence '{sequence.name}' at {sequence.root} has other pixels than when the study began "
-            f"(fingerprint {sequence.fingerprint[:12]}, not {expected[:12]}); restore them, give their place with "
-            f"--sequence {sequence.name}=PATH, or create a new study"
-        )
 
 
 def make_pipeline(definition: StudyDefinition) -> Pipeline:

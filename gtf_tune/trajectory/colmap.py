@@ -9,6 +9,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -29,12 +30,19 @@ _POINT_COLUMNS = 3
 _COUNT = struct.Struct("<Q")
 _IMAGE = struct.Struct("<I7dI")
 _POINT_BYTES = 24
+_LONGEST_ID = 10
 _NUMBERED = re.compile(r"(?P<prefix>.*?)(?P<number>[0-9]{1,19})", re.DOTALL)
 _TIME = re.compile(r"[0-9]+(?:\.[0-9]+)?")
 _LARGEST_ID = np.iinfo(np.int64).max
 
-# Name, quaternion w, x, y, z and translation of cam_from_world.
-_Image = tuple[str, tuple[float, ...], tuple[float, ...]]
+
+class _Image(NamedTuple):
+    """Image of a model: its name, quaternion w, x, y, z and translation of cam_from_world, and id of its camera."""
+
+    name: str
+    quaternion: tuple[float, ...]
+    translation: tuple[float, ...]
+    camera_id: int
 
 
 def read_colmap(path: Path) -> Trajectory:
@@ -51,25 +59,36 @@ def read_colmap(path: Path) -> Trajectory:
     TrajectoryError
         There is no such file, or it is malformed or without poses.
     """
-    images = sorted(_images(path), key=lambda image: _natural(image[0]))
+    images = sorted(_images(path), key=lambda image: _natural(image.name))
     if not images:
         raise TrajectoryError(f"expected at least one registered image in {path}, but it holds none")
-    names = tuple(name for name, _, _ in images)
+    names = tuple(image.name for image in images)
     if len(set(names)) != len(names):
         raise TrajectoryError(f"expected every image once in {path}, but one name comes twice")
-    world_from_camera = Rotation.from_quat(np.array([turn for _, turn, _ in images])[:, [1, 2, 3, 0]]).inv()
+    world_from_camera = Rotation.from_quat(np.array([image.quaternion for image in images])[:, [1, 2, 3, 0]]).inv()
     stems = [PurePosixPath(name).stem for name in names]
     frame_ids, counted = _frame_ids(stems)
     times = _times(stems)
     return Trajectory(
         frame_ids=frame_ids,
         timestamps=frame_ids.astype(np.float64) if times is None else times,
-        positions=-world_from_camera.apply(np.array([shift for _, _, shift in images])),
+        positions=-world_from_camera.apply(np.array([image.translation for image in images])),
         quaternions=world_from_camera.as_quat(),
         names=names,
         ids_are_counted=counted,
         has_timestamps=times is not None,
     )
+
+
+def read_camera_ids(path: Path) -> dict[str, int]:
+    """Return the id of the camera of each registered image of a model folder, by the name of the image.
+
+    Raises
+    ------
+    TrajectoryError
+        There is no such file, or it is malformed.
+    """
+    return {image.name: image.camera_id for image in _images(path)}
 
 
 def _images(path: Path) -> Iterator[_Image]:
@@ -100,7 +119,9 @@ def _text_image(text: str, where: str) -> _Image:
     if "\0" in tokens[9]:
         raise TrajectoryError(f"{where}: expected an image name without zero bytes; the file is damaged")
     numbers = finite_numbers(tokens[1:8], where, expected)
-    return tokens[9], checked_quaternion(numbers[:4], where), numbers[4:]
+    if not (tokens[8].isascii() and tokens[8].isdecimal() and len(tokens[8]) <= _LONGEST_ID):
+        raise TrajectoryError(f"{where}: expected {expected}, but CAMERA_ID is no whole number")
+    return _Image(tokens[9], checked_quaternion(numbers[:4], where), numbers[4:], int(tokens[8]))
 
 
 def _check_points(tokens: list[str], where: str) -> None:
@@ -121,12 +142,12 @@ def _binary_images(path: Path) -> Iterator[_Image]:
     offset = _COUNT.size
     for index in range(count):
         where = f"{path}, image {index + 1} of {count}"
-        _, *numbers, _ = _unpack(_IMAGE, data, offset, where)
+        _, *numbers, camera_id = _unpack(_IMAGE, data, offset, where)
         name, offset = _binary_name(data, offset + _IMAGE.size, where)
         offset += _COUNT.size + _POINT_BYTES * _count(data, offset, where)
         if not np.isfinite(numbers).all():
             raise TrajectoryError(f"{where}: expected finite numbers, but its pose is NaN or infinite")
-        yield name, checked_quaternion(tuple(numbers[:4]), where), tuple(numbers[4:])
+        yield _Image(name, checked_quaternion(tuple(numbers[:4]), where), tuple(numbers[4:]), int(camera_id))
     if offset != len(data):
         raise TrajectoryError(
             f"expected {offset} bytes in {path}, not {len(data)}; it is cut short or of another format"

@@ -60,7 +60,7 @@ def test_too_few_frames_are_refused_before_any_run(cli: Cli, room: Path, command
     assert refused.code == 1
     assert refused.err.splitlines()[-1] == (
         f"error: {room}: the selection leaves 1 of the 12 frames, at least 4 are needed; change start, stop, stride, "
-        "rate_hz or max_frames"
+        "rate_hz, max_frames or exclude"
     )
 
 

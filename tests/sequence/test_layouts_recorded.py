@@ -1,6 +1,7 @@
 """Data sets from vehicles, drones and photographs: KITTI, EuRoC, COLMAP and ETH3D multi-view, Strecha, NeRF."""
 
 import json
+import shutil
 import struct
 
 import numpy as np
@@ -93,7 +94,7 @@ def test_kitti_with_another_count_of_times_is_refused(kitti):
 def test_kitti_without_calibration_is_refused(kitti):
     (kitti / "calib.txt").write_text("P1: 1 2 3\n")
 
-    with pytest.raises(SequenceError, match=r"calib\.txt: expected a line 'P0:' with 12 numbers"):
+    with pytest.raises(SequenceError, match=r"calib\.txt: expected a line 'P0:' with 12 numbers.*give the camera"):
         load_sequence(kitti)
 
 
@@ -164,8 +165,8 @@ def test_equidistant_distortion_is_the_fisheye_of_opencv(euroc):
     ("old", "new", "message"),
     [
         ("radial-tangential", "omni", "expected a distortion_model among"),
-        ("[64, 48]", "[64]", r"expected 'resolution: \[\.\.\.\]' with 2 numbers"),
-        ("45.8,", "many,", r"expected 'intrinsics: \[\.\.\.\]' with 4 numbers"),
+        ("[64, 48]", "[64]", "resolution should be a list of 2 whole numbers, not a list of 1"),
+        ("45.8,", "many,", r"intrinsics\[0\] should be a finite number, not 'many'"),
     ],
 )
 def test_euroc_with_a_damaged_sensor_file_is_refused(euroc, old, new, message):
@@ -178,7 +179,7 @@ def test_euroc_with_a_damaged_sensor_file_is_refused(euroc, old, new, message):
 def test_euroc_with_a_damaged_image_list_is_refused(euroc):
     (euroc / "mav0" / "cam0" / "data.csv").write_text("12.5,a.png\n")
 
-    with pytest.raises(SequenceError, match=r"data\.csv:1: expected 'nanoseconds,image'"):
+    with pytest.raises(SequenceError, match=r"data\.csv:1: expected a time in whole nanoseconds, found '12.5'"):
         load_sequence(euroc)
 
 
@@ -195,7 +196,7 @@ def eth3d(tmp_path, write_images):
     write_images(tmp_path / "images", [*names, "dslr_images_undistorted/DSC_0500.JPG"])
     model = tmp_path / "dslr_calibration_undistorted"
     model.mkdir()
-    (model / "cameras.txt").write_text("# Camera list\n0 PINHOLE 64 48 50.5 50.25 32.1 24.2\n")
+    (model / "cameras.txt").write_text("# Camera list\n1 PINHOLE 64 48 50.5 50.25 32.1 24.2\n")
     (model / "images.txt").write_text(_images_text(names))
     return tmp_path
 
@@ -227,22 +228,16 @@ def test_cameras_of_every_model_are_read_from_binary_models(tmp_path, write_imag
     assert sequence.ground_truth.positions.tolist() == [[5, 0, 0]]
 
 
-def test_images_of_several_cameras_have_unknown_intrinsics(eth3d):
-    with (eth3d / "dslr_calibration_undistorted" / "cameras.txt").open("a") as file:
-        file.write("1 PINHOLE 64 48 51 51 32 24\n")
-
-    sequence = load_sequence(eth3d)
-
-    assert sequence.camera is None
-    assert sequence.notes == ("the images have 2 different intrinsics, so they count as unknown",)
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("0 PINHOLE 64 48", "expected 'id MODEL width height parameters'"),
-        ("0 PINHOLE 64 48 1 2 3", "takes 4 parameters"),
-        ("0 MAGIC 64 48 1 2 3 4", "unknown camera model 'MAGIC'"),
+        ("1 PINHOLE 64 48", r"cameras\.txt:1: expected 'id MODEL width height parameters'"),
+        ("1 PINHOLE 64 48 1 2 3", r"cameras\.txt: camera model PINHOLE takes 4 parameters"),
+        ("1 MAGIC 64 48 1 2 3 4", r"cameras\.txt: unknown camera model 'MAGIC'"),
+        ("1 PINHOLE 64 -48 1 2 3 4", r"cameras\.txt: a camera needs an image size"),
+        ("1 PINHOLE 64.5 48 1 2 3 4", r"cameras\.txt: expected the image size of camera 1 in whole pixels"),
+        ("1 PINHOLE 64 48 1 2 3 many", r"cameras\.txt:1: expected numbers"),
+        ("7 PINHOLE 64 48 1 2 3 4", r"cameras\.txt: has no camera 1, which an image uses"),
     ],
 )
 def test_damaged_cameras_are_refused(eth3d, text, message):
@@ -261,7 +256,7 @@ def test_a_binary_model_that_is_cut_off_is_refused(eth3d):
 
 
 def test_a_model_without_its_images_is_refused(eth3d):
-    (eth3d / "images").rename(eth3d / "elsewhere")
+    shutil.rmtree(eth3d / "images")
 
     with pytest.raises(SequenceError, match="found none of the model's 3 images"):
         load_sequence(eth3d)
@@ -326,33 +321,17 @@ def test_nerf_turns_the_axes_of_opengl_into_those_of_opencv(nerf):
 
 
 @pytest.mark.parametrize(
-    ("values", "model", "params"),
-    [
-        ({"fl_x": 50, "cx": 31, "cy": 23}, "PINHOLE", (50, 50, 31, 23)),
-        ({"fl_x": 50, "fl_y": 51, "k1": 0.1, "p2": 0.01}, "OPENCV", (50, 51, 32, 24, 0.1, 0, 0, 0.01)),
-        (
-            {"fl_x": 50, "camera_model": "OPENCV_FISHEYE", "k1": 0.1, "k4": 0.4},
-            "OPENCV_FISHEYE",
-            (50, 50, 32, 24, 0.1, 0, 0, 0.4),
-        ),
-    ],
-)
-def test_nerf_intrinsics_have_many_forms(nerf, values, model, params):
-    (nerf / "transforms.json").write_text(_transforms(**values))
-
-    camera = load_sequence(nerf / "transforms.json").camera
-
-    assert camera == Camera(model, 64, 48, params)
-
-
-@pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "expected JSON with 'frames'"),
-        ('{"frames": []}', "expected JSON with 'frames'"),
-        ('{"frames": [{"file_path": "train/r_2"}]}', "expected JSON with 'frames'"),
-        ('{"frames": [{"file_path": "train/r_2", "transform_matrix": [1]}]}', "expected a 4x4 transform_matrix"),
-        (_transforms(), "expected fl_x or camera_angle_x"),
+        ("{", r"json: expected JSON"),
+        ("[" * 100_000, r"json: expected JSON \(values are nested too deeply\)"),
+        ('{"frames": []}', r"json: frames should be a list of frames"),
+        ('{"frames": [{"file_path": "train/r_2"}]}', r"json: frames\[0\]: expected a key 'transform_matrix'"),
+        (
+            '{"frames": [{"file_path": "train/r_2", "transform_matrix": [1]}]}',
+            r"json: frames\[0\].transform_matrix should be a 4x4 matrix",
+        ),
+        (_transforms(), r"json: expected fl_x or camera_angle_x, found neither"),
     ],
 )
 def test_damaged_transforms_are_refused(nerf, text, message):

@@ -66,7 +66,7 @@ def test_poses_that_are_no_rotations_are_refused(replica):
 def test_replica_with_damaged_intrinsics_is_refused(replica):
     (replica.parent / "cam_params.json").write_text('{"camera": {"w": 64}}')
 
-    with pytest.raises(SequenceError, match=r"cam_params\.json: expected a 'camera'"):
+    with pytest.raises(SequenceError, match=r"cam_params\.json: camera: expected a key 'fx', found none"):
         load_sequence(replica)
 
 

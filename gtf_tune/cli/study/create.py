@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Frames, Nominal, Settings, Storage
+from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, parse_camera
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
 from gtf_tune.cli.terminal.console import say
 from gtf_tune.cli.true_errors import Side
@@ -44,6 +45,9 @@ def create(
         int | None, typer.Option("--max-image-size", help="Shrink images to this many pixels on the longer side.")
     ] = None,
     frames: Frames = None,
+    exclude: Exclude = None,
+    recursive: Recursive = False,
+    camera: CameraFlag = None,
     pipeline: Pipeline = None,
     option: Fixed = None,
     nominal: Nominal = None,
@@ -84,6 +88,8 @@ def create(
     if max_image_size is not None and "max_image_size" in chosen:
         raise DefinitionError("--max-image-size and --frames max_image_size say the same; give one of them")
     _select(data, {"max_image_size": max_image_size, **chosen})
+    _select(data, {"exclude": exclude or None, "recursive": recursive or None})
+    _select(data, {"camera": parse_camera(camera) if camera else None})
     _add_space(data, range_ or [], values or [])
     _put(data, "gtf", clean_runs=clean_runs, noisy_runs=_runs(noisy_runs), aggregate=aggregate)
     _put(data, "gtf", noise_sigma=None if noise_sigma is None else parse_value(noise_sigma))

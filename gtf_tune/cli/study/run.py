@@ -145,7 +145,10 @@ def open_for_work(database: "Database", name: str, places: list[str] | None, all
     from gtf_tune.study.open_study import open_study
 
     hush_optuna()
-    return open_study(database, name, place_folders(places), allow_version_mismatch=allow_mismatch)
+    study = open_study(database, name, place_folders(places), allow_version_mismatch=allow_mismatch)
+    for change in study.changes:
+        say(f"note: {change}")
+    return study
 
 
 def place_folders(places: list[str] | None) -> dict[str, Path]:

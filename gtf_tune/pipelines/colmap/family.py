@@ -1,5 +1,6 @@
 """Run pycolmap's mappers on the stages that they share."""
 
+import math
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -18,7 +19,7 @@ from gtf_tune.pipelines.colmap.stages import PAIRINGS, StagedRun, shared_roots, 
 from gtf_tune.pipelines.file_digest import file_digest
 from gtf_tune.pipelines.options import OptionTable, OptionValue
 from gtf_tune.pipelines.settings import Setting, read_settings
-from gtf_tune.sequence import ImageSource
+from gtf_tune.sequence import ImageSource, Sequence
 from gtf_tune.trajectory import Trajectory
 
 SETTINGS: Mapping[str, Setting] = {
@@ -66,6 +67,17 @@ class PycolmapPipeline(ABC):
         model = max(models, key=lambda one: one.num_reg_images())
         timing = staged.clock.diagnostics((*_SHARED_STAGES, *self.own_stages(job)), always_run=("mapping",))
         return PipelineOutput(trajectory_of(model, job.images), {**_describe(model, len(models)), **timing})
+
+    def focal_prior(self, sequence: Sequence) -> float | None:
+        """Return the focal length in pixels that COLMAP reads from the EXIF of the first image, or ``None``.
+
+        COLMAP starts from it, calibrates pairs of images with it, and refines it.
+        """
+        bitmap = pycolmap.Bitmap.read(sequence.frames[0].path, False)
+        focal = bitmap.exif_focal_length() if bitmap is not None else None
+        if focal is None or not (math.isfinite(focal) and focal > 0):
+            return None
+        return float(focal) * sequence.width / sequence.stored_size[0]
 
     def own_stages(self, job: PipelineJob) -> tuple[str, ...]:
         """Return the cached stages of a job between two-view geometry and mapping."""

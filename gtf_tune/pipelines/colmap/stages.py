@@ -7,7 +7,7 @@ matter. A stage whose files are at hand is not run, and neither are the stages b
 stage          files                                                 depends on
 =============  ====================================================  =============================================
 images         grey images                                           the image source
-features       database with images, camera, keypoints, descriptors  images, camera, ``extraction.*``
+features       database with images, camera, keypoints, descriptors  images, camera or prior, ``extraction.*``
 matches        database with matches only                            features, ``matching.*``, pairing
 geometry       database with keypoints and verified pairs            matches, ``verification.*``, seed
 calibration    the same, with focal lengths estimated                geometry, matches, ``view_graph.*``, seed
@@ -18,7 +18,7 @@ import contextlib
 import copy
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -82,7 +82,11 @@ class StagedRun:
         """Return the key of features and descriptors."""
         camera = self.job.camera.key if self.job.camera else self.settings["camera_model"]
         return self.key(
-            "features", images=self.job.images.key, camera=camera, options=dict(self.options.values["extraction"])
+            "features",
+            images=self.job.images.key,
+            camera=camera,
+            options=dict(self.options.values["extraction"]),
+            **({} if self._focal_prior is None else {"focal_prior": self._focal_prior}),
         )
 
     @cached_property
@@ -149,6 +153,10 @@ class StagedRun:
                 opened.close()
 
     @property
+    def _focal_prior(self) -> float | None:
+        return self.job.focal_prior if self.job.camera is None else None
+
+    @property
     def _matching(self) -> Mapping[str, OptionValue]:
         return self.options.values["matching"]
 
@@ -178,9 +186,15 @@ class StagedRun:
     def _reader_options(self) -> Any:
         options = pycolmap.ImageReaderOptions()
         options.camera_model = self.settings["camera_model"]
+        params: Iterable[float] = ()
         if self.job.camera:
-            options.camera_model = self.job.camera.model
-            options.camera_params = ",".join(repr(value) for value in self.job.camera.params)
+            options.camera_model, params = self.job.camera.model, self.job.camera.params
+        elif self._focal_prior is not None:
+            # COLMAP makes the same camera from EXIF, which the grey images do not have.
+            sequence = self.job.images.sequence
+            size = sequence.width, sequence.height
+            params = pycolmap.Camera.create_from_model_name(1, options.camera_model, self._focal_prior, *size).params
+        options.camera_params = ",".join(repr(float(value)) for value in params)
         return options
 
     def _build_matches(self, folder: Path) -> None:

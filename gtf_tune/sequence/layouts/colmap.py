@@ -1,22 +1,24 @@
 """Read images beside a COLMAP model that serves as ground truth; ETH3D's multi-view scenes come so."""
 
-import struct
+import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from natsort import natsorted
 
-from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.camera import MODEL_PARAMS, Camera
-from gtf_tune.sequence.images import is_image
-from gtf_tune.sequence.layouts.base import Layout, Recording, one_camera
+from gtf_tune.errors import GtfTuneError, SequenceError
+from gtf_tune.sequence.image_formats import is_image
+from gtf_tune.sequence.layouts.base import Intrinsics, Layout, Notes, Reading, Recording, naming, one_camera
+from gtf_tune.sequence.layouts.colmap_cameras import ModelCameras
 from gtf_tune.sequence.layouts.folder import counted_frames
-from gtf_tune.sequence.layouts.tables import read_rows, to_numbers
+from gtf_tune.sequence.layouts.listed import find_listed
 from gtf_tune.trajectory import Trajectory, read_trajectory
+from gtf_tune.trajectory.colmap import read_camera_ids
 
+# A reconstruction may fall into several models, each in a subfolder of its own.
+_PARENTS = ("sparse", "colmap/sparse")
 _MODEL_FOLDERS = (
-    "sparse/0",
-    "sparse",
     "dslr_calibration_undistorted",
     "dslr_calibration_jpg",
     "rig_calibration_undistorted",
@@ -24,49 +26,93 @@ _MODEL_FOLDERS = (
     ".",
 )
 _IMAGE_FOLDERS = ("images", ".")
-_MODELS = tuple(MODEL_PARAMS)
+_MODEL_FILES = ("cameras", "images", "points3D", "rigs", "frames")
 
 
-def _model_folder(root: Path) -> Path | None:
-    for name in _MODEL_FOLDERS:
-        for suffix in (".bin", ".txt"):
-            if all((root / name / f"{part}{suffix}").is_file() for part in ("cameras", "images")):
-                return root / name
-    return None
+def _models(root: Path) -> list[Path]:
+    """Return the folders of the models of one reconstruction, in natural order; the first place that has any counts."""
+    for parent in _PARENTS:
+        folders = [*(path for path in natsorted((root / parent).glob("*")) if path.is_dir()), root / parent]
+        found = [folder for folder in folders if _is_model(folder)]
+        if found:
+            return found
+    return next(([root / name] for name in _MODEL_FOLDERS if _is_model(root / name)), [])
 
 
-def _read(root: Path) -> Recording:
-    model = _model_folder(root)
-    if model is None:
-        raise SequenceError(
-            f"{root}: expected a COLMAP model (cameras and images, .txt or .bin) in {', '.join(_MODEL_FOLDERS)}; "
-            "check the path"
-        )
-    registered = read_trajectory(model, format="colmap")
-    folder = _image_folder(root, registered.names)
-    names = _image_names(folder, registered.names)
-    camera, notes = one_camera(_read_cameras(model))
-    frames = counted_frames(folder / name for name in names)
-    return Recording(frames, camera, _by_name(registered, names), has_timestamps=False, notes=notes)
-
-
-def _image_folder(root: Path, names: tuple[str, ...]) -> Path:
-    """Return the folder that the model's image names start from."""
-    for name in _IMAGE_FOLDERS:
-        if any((root / name / image).is_file() for image in names):
-            return root / name
-    raise SequenceError(
-        f"{root}: found none of the model's {len(names)} images (such as {next(iter(names), 'none')}) in "
-        f"{' or '.join(_IMAGE_FOLDERS)}; put the images there"
+def _is_model(folder: Path) -> bool:
+    return any(
+        all((folder / f"{part}{suffix}").is_file() for part in ("cameras", "images")) for suffix in (".bin", ".txt")
     )
 
 
-def _image_names(folder: Path, registered: tuple[str, ...]) -> list[str]:
-    """Return the names of all images beside the registered ones, in natural order: frames may lack a pose."""
-    found = set(registered)
-    for parent in {(folder / name).parent for name in registered}:
-        found |= {str(path.relative_to(folder)) for path in parent.glob("*") if is_image(path)}
-    return list(natsorted(found))
+def _read(root: Path, _: Reading) -> Recording:
+    models = _models(root)
+    if not models:
+        places = ", ".join((*(f"{parent}/0" for parent in _PARENTS), *_PARENTS, *_MODEL_FOLDERS))
+        raise SequenceError(
+            f"{root}: expected a COLMAP model (cameras and images, .txt or .bin) in {places}; check the path"
+        )
+    model, camera_ids, notes = _largest(models, root)
+    with naming(model):
+        registered = read_trajectory(model, format="colmap")
+    images = _images(_image_folder(root, registered.names), registered.names, model)
+    frames = counted_frames(images.values())
+    files = tuple(
+        folder / f"{name}{suffix}" for folder in models for name in _MODEL_FILES for suffix in (".bin", ".txt")
+    )
+    return Recording(
+        frames,
+        lambda: _intrinsics(ModelCameras(model), camera_ids, list(images)),
+        _by_name(registered, list(images)),
+        has_timestamps=False,
+        notes=notes,
+        files=(*files, root / "database.db"),
+    )
+
+
+def _largest(models: list[Path], root: Path) -> tuple[Path, Mapping[str, int], Notes]:
+    """Return the model with the most registered images, the camera of each image, and a note on the other models."""
+    found: list[tuple[Path, dict[str, int]]] = []
+    notes: list[str] = []
+    for model in models:
+        try:
+            found.append((model, read_camera_ids(model)))
+        except GtfTuneError as error:
+            if len(models) == 1:
+                raise
+            notes.append(f"{model.relative_to(root)} is left out: {error}")
+    if not found:
+        raise SequenceError(notes[0])
+    model, camera_ids = max(found, key=lambda pair: len(pair[1]))
+    others = [f"{other.relative_to(root)} ({len(ids)})" for other, ids in found if other != model]
+    if others:
+        chosen = f"{model.relative_to(root)} has the most images of {len(found)} models ({len(camera_ids)})"
+        notes.append(f"{chosen}; the others are not used: {', '.join(others)}")
+    return model, camera_ids, tuple(notes)
+
+
+def _image_folder(root: Path, names: tuple[str, ...]) -> Path:
+    """Return the folder that the model's image names start from: images/, the folder itself, or another one in it."""
+    others = (path.name for path in natsorted(root.iterdir()) if path.is_dir() and not path.name.startswith("."))
+    for name in dict.fromkeys((*_IMAGE_FOLDERS, *others)):
+        if any((root / name / image.replace("\\", "/")).is_file() for image in names):
+            return root / name
+    raise SequenceError(
+        f"{root}: found none of the model's {len(names)} images (such as {next(iter(names), 'none')}) in "
+        f"{' or '.join(_IMAGE_FOLDERS)} or another subfolder; put the images there"
+    )
+
+
+def _images(folder: Path, registered: tuple[str, ...], model: Path) -> dict[str, Path]:
+    """Return all images beside the registered ones by name, in natural order: frames may lack a pose."""
+    found = {name: find_listed(folder, name, model) for name in registered}
+    if len(set(found.values())) < len(found):
+        raise SequenceError(f"{model}: two registered images are one file in {folder}; check the names in the model")
+    known = set(found.values())
+    for parent in {path.parent for path in known}:
+        others = (path for path in parent.glob("*") if is_image(path) and path not in known)
+        found |= {Path(os.path.relpath(path, folder)).as_posix(): path for path in others}
+    return {name: found[name] for name in natsorted(found)}
 
 
 def _by_name(registered: Trajectory, names: list[str]) -> Trajectory:
@@ -81,49 +127,21 @@ def _by_name(registered: Trajectory, names: list[str]) -> Trajectory:
     )
 
 
-def _read_cameras(model: Path) -> list[Camera]:
-    """Return the cameras of a model; cameras.bin is taken where both files exist, as COLMAP does."""
-    binary = model / "cameras.bin"
-    return _read_binary(binary) if binary.is_file() else _read_text(model / "cameras.txt")
-
-
-def _read_text(path: Path) -> list[Camera]:
-    cameras = []
-    for line, fields in read_rows(path):
-        if len(fields) < 5:
-            raise SequenceError(
-                f"{path}:{line}: expected 'id MODEL width height parameters', found {len(fields)} fields"
-            )
-        width, height, *params = to_numbers(fields[2:], path, line)
-        cameras.append(Camera(fields[1], int(width), int(height), tuple(params)))
-    return cameras
-
-
-def _read_binary(path: Path) -> list[Camera]:
-    """Read a count (u64), then for each camera: id (u32), model (i32), width, height (u64), parameters (f64)."""
-    data = path.read_bytes()
-    cameras, at = [], 8
-    try:
-        for _ in range(*struct.unpack_from("<Q", data)):
-            _, model, width, height = struct.unpack_from("<IiQQ", data, at)
-            name = _MODELS[model]
-            count = len(MODEL_PARAMS[name].split())
-            cameras.append(Camera(name, width, height, struct.unpack_from(f"<{count}d", data, at + 24)))
-            at += 24 + 8 * count
-    except (struct.error, IndexError) as error:
-        raise SequenceError(
-            f"{path}: expected COLMAP cameras, found other bytes at {at}; write the model again"
-        ) from error
-    return cameras
+def _intrinsics(cameras: ModelCameras, camera_ids: Mapping[str, int], names: list[str]) -> Intrinsics:
+    """Return the camera of each image; one that all registered images share is taken for those without a pose too."""
+    used = {camera_id: cameras.of(camera_id) for camera_id in set(camera_ids.values())}
+    if len(set(used.values())) == 1:
+        return one_camera(next(iter(used.values())))
+    return Intrinsics(tuple(used[camera_ids[name]] if name in camera_ids else None for name in names))
 
 
 COLMAP = Layout(
     name="colmap",
-    matches=lambda root: root.is_dir() and _model_folder(root) is not None,
+    matches=lambda root: root.is_dir() and bool(_models(root)),
     read=_read,
     help=(
-        "Any COLMAP project: give the folder that holds images/ and sparse/0/. ETH3D multi-view "
-        "(https://www.eth3d.net/datasets): unpack a scene's undistorted images and calibration and give its folder, "
-        "such as courtyard, which holds images/ and dslr_calibration_undistorted/."
+        "Any COLMAP project: give the folder that holds images/ and sparse/0/; of several models the largest is ground "
+        "truth. ETH3D multi-view (https://www.eth3d.net/datasets): unpack a scene's undistorted images and calibration "
+        "and give its folder, such as courtyard, which holds images/ and dslr_calibration_undistorted/."
     ),
 )

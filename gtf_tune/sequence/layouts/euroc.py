@@ -1,6 +1,5 @@
 """Read the ASL layout of EuRoC MAV, also that of TUM-VI: mav0/cam0 with data.csv and sensor.yaml."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,68 +9,134 @@ from scipy.spatial.transform import Rotation
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
-from gtf_tune.sequence.layouts.base import Layout, Recording, check_unique
-from gtf_tune.sequence.layouts.ground_truth import poses_by_timestamp
-from gtf_tune.sequence.layouts.tables import read_rows, read_text
+from gtf_tune.sequence.layouts.base import (
+    GIVE_THE_CAMERA,
+    UNKNOWN,
+    Intrinsics,
+    Layout,
+    Reading,
+    Recording,
+    check_unique,
+    naming,
+    one_camera,
+)
+from gtf_tune.sequence.layouts.distortion import distorted_pinhole
+from gtf_tune.sequence.layouts.fields import Field, read_yaml
+from gtf_tune.sequence.layouts.ground_truth import Notes, poses_by_timestamp
+from gtf_tune.sequence.layouts.listed import find_listed
+from gtf_tune.sequence.layouts.tables import read_rows, to_nanoseconds
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 
-_MODELS = {"radial-tangential": "OPENCV", "radtan": "OPENCV", "equidistant": "OPENCV_FISHEYE"}
+# Poses of the body, the best first: EuRoC's, then TUM-VI's, which are moved from the marker to the IMU already.
+_BODY_POSES = ("state_groundtruth_estimate0", "mocap0")
+_SENSOR_KEYS = frozenset(
+    [
+        "sensor_type",
+        "comment",
+        "T_BS",
+        "rate_hz",
+        "resolution",
+        "camera_model",
+        "intrinsics",
+        "distortion_model",
+        "distortion_coefficients",
+    ]
+)
+_ROTATION_TOLERANCE = 1e-2
 
 
 def _base(root: Path) -> Path:
     return root / "mav0" if (root / "mav0").is_dir() else root
 
 
-def _read(root: Path) -> Recording:
+def _read(root: Path, _: Reading) -> Recording:
     camera = _base(root) / "cam0"
     frames = _read_frames(camera / "data.csv")
     sensor = camera / "sensor.yaml"
-    text = read_text(sensor) if sensor.is_file() else ""
-    intrinsics = _read_camera(text, sensor) if text else None
-    path = _base(root) / "state_groundtruth_estimate0" / "data.csv"
-    if not path.is_file():
-        return Recording(frames, intrinsics)
-    body_from_camera = np.array(_numbers(text, "data", 16, sensor)).reshape(4, 4)
-    poses = _moved_to_camera(read_trajectory(path, format="euroc"), body_from_camera)
-    ground_truth, notes = poses_by_timestamp(frames, poses, path)
-    return Recording(frames, intrinsics, ground_truth, notes=notes)
+    ground_truth, notes, files = _read_ground_truth(root, frames, sensor)
+    return Recording(
+        frames,
+        lambda: _read_intrinsics(sensor),
+        ground_truth,
+        notes=notes,
+        files=(camera / "data.csv", sensor, *files),
+    )
 
 
 def _read_frames(path: Path) -> tuple[Frame, ...]:
     frames: list[Frame] = []
     for line, fields in read_rows(path, separator=","):
-        if len(fields) != 2 or not fields[0].isdigit():
+        if len(fields) != 2:
             raise SequenceError(
-                f"{path}:{line}: expected 'nanoseconds,image', found '{','.join(fields)}'; mend the line"
+                f"{path}:{line}: expected 'nanoseconds,image', found {len(fields)} fields; correct the line"
             )
-        frames.append(Frame(len(frames), path.parent / "data" / fields[1], int(fields[0]) * 1e-9))
+        image = find_listed(path.parent / "data", fields[1], path)
+        frames.append(Frame(len(frames), image, to_nanoseconds(fields[0], path, line)))
     if not frames:
         raise SequenceError(f"{path}: lists no images; give a sequence that has some")
     check_unique(tuple(frames), path)
     return tuple(frames)
 
 
-def _read_camera(text: str, path: Path) -> Camera:
-    kind = re.search(r"^distortion_model:\s*([\w-]+)", text, re.MULTILINE)
-    if kind is None or kind.group(1) not in _MODELS:
-        raise SequenceError(f"{path}: expected a distortion_model among {', '.join(_MODELS)}; give the camera instead")
-    width, height = _numbers(text, "resolution", 2, path)
-    fx, fy, cx, cy = _numbers(text, "intrinsics", 4, path)
-    distortion = _numbers(text, "distortion_coefficients", 4, path)
-    return Camera(_MODELS[kind.group(1)], int(width), int(height), (fx, fy, cx + 0.5, cy + 0.5, *distortion))
-
-
-def _numbers(text: str, name: str, count: int, path: Path) -> list[float]:
-    """Return the numbers of ``name: [1, 2, 3]``, which may go over several lines: all the YAML that these files use."""
-    found = re.search(rf"^\s*{name}:\s*\[([^\]]*)\]", text, re.MULTILINE)
+def _read_ground_truth(
+    root: Path, frames: tuple[Frame, ...], sensor: Path
+) -> tuple[Trajectory | None, Notes, tuple[Path, ...]]:
+    """Return the poses of the camera where the body's are there, notes on them, and the file that they come from."""
+    paths = (_base(root) / folder / "data.csv" for folder in _BODY_POSES)
+    path = next((path for path in paths if path.is_file()), None)
+    if path is None:
+        return None, (), ()
     try:
-        numbers = [float(number) for number in found.group(1).split(",")] if found else []
-    except ValueError:
-        numbers = []
-    if len(numbers) != count:
-        raise SequenceError(f"{path}: expected '{name}: [...]' with {count} numbers; check the file")
-    return numbers
+        body_from_camera = _body_from_camera(sensor)
+    except SequenceError as error:
+        note = f"ground truth is left out, as nothing moves the poses of the body to the camera: {error}"
+        return None, (note,), (path,)
+    with naming(path):
+        poses = read_trajectory(path, format="euroc")
+    ground_truth, notes = poses_by_timestamp(frames, _moved_to_camera(poses, body_from_camera), path)
+    return ground_truth, notes, (path,)
+
+
+def _body_from_camera(sensor: Path) -> NDArray[np.float64]:
+    """Return the (4, 4) matrix T_BS, which stands under ``data`` or directly."""
+    if not sensor.is_file():
+        raise SequenceError(f"{sensor}: there is no such file; add it")
+    extrinsics = read_yaml(sensor)["T_BS"]
+    data = extrinsics["data"] if isinstance(extrinsics.value, dict) else extrinsics
+    matrix = data.matrix(4, 4)
+    rotation = matrix[:3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < _ROTATION_TOLERANCE
+    if not (np.isfinite(matrix).all() and is_rotation and np.linalg.det(rotation) > 0):
+        raise data.fault("a rotation and a translation")
+    return matrix
+
+
+def _read_intrinsics(path: Path) -> Intrinsics:
+    if not path.is_file():
+        return UNKNOWN
+    values = read_yaml(path)
+    others = values.others(_SENSOR_KEYS)
+    notes = (f"{path.name} has keys that are not read: {', '.join(others)}",) if others else ()
+    with naming(path):
+        return one_camera(_sensor_camera(values), *notes)
+
+
+def _sensor_camera(values: Field) -> Camera:
+    """Return the camera of a sensor.yaml, or of one camera in Kalibr's chain, which has other names for some keys."""
+    width, height = values["resolution"].counts(2)
+    kind = values["camera_model"].text().lower() if "camera_model" in values else "pinhole"
+    given = values.first("distortion_coefficients", "distortion_coeffs")
+    coefficients = given.numbers(*range(9)) if given else []
+    if kind == "eucm" and not any(coefficients):
+        alpha, beta, fx, fy, cx, cy = values["intrinsics"].numbers(6)
+        return Camera("EUCM", width, height, (fx, fy, cx + 0.5, cy + 0.5, alpha, beta))
+    if kind != "pinhole":
+        raise SequenceError(f"expected camera_model pinhole or eucm, found '{kind[:40]}'; {GIVE_THE_CAMERA}")
+    named = values["distortion_model"].text() if "distortion_model" in values else "none"
+    pinhole = tuple(values["intrinsics"].numbers(4))
+    return distorted_pinhole(named, coefficients, pinhole, (width, height))
 
 
 def _moved_to_camera(body: Trajectory, body_from_camera: NDArray[np.float64]) -> Trajectory:
@@ -90,6 +155,7 @@ EUROC = Layout(
     read=_read,
     help=(
         "EuRoC MAV (https://projects.asl.ethz.ch/datasets/doku.php?id=kmavvisualinertialdatasets): unpack the ASL zip "
-        "of a sequence and give its folder, which holds mav0/cam0 and mav0/state_groundtruth_estimate0."
+        "of a sequence and give its folder, which holds mav0/cam0 and mav0/state_groundtruth_estimate0. TUM-VI in the "
+        "EuRoC format (https://cvg.cit.tum.de/data/datasets/visual-inertial-dataset) likewise, with mav0/mocap0."
     ),
 )

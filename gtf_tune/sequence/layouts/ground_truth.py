@@ -20,6 +20,7 @@ MAX_DIFFERENCE_S = 0.02
 _NUMBER = re.compile(r"[0-9]{1,18}")
 _UPRIGHT = np.array([[0.0, 0.0, 0.0, 1.0]])
 _ORTHOGONALITY_TOLERANCE = 1e-3
+_FARTHEST = 1e100
 
 
 def poses_by_timestamp(frames: Frames, poses: Trajectory, source: Path) -> tuple[Trajectory | None, Notes]:
@@ -30,6 +31,7 @@ def poses_by_timestamp(frames: Frames, poses: Trajectory, source: Path) -> tuple
     ground_truth, notes
         The poses under their frames' ids and timestamps, or ``None`` and a note if no frame has one.
     """
+    _refuse_far(poses, source)
     everywhere = _trajectory(
         frames, np.arange(len(frames)), np.zeros((len(frames), 3)), _UPRIGHT.repeat(len(frames), 0)
     )
@@ -50,6 +52,7 @@ def poses_by_line(frames: Frames, poses: Trajectory, source: Path) -> tuple[Traj
     ground_truth, notes
         The poses under their frames' ids and timestamps, or ``None`` and a note where nothing says whose they are.
     """
+    _refuse_far(poses, source)
     counts = f"{source.name} has {len(poses)} poses for {len(frames)} images"
     if len(frames) == len(poses):
         return _trajectory(frames, np.arange(len(frames)), poses.positions, poses.quaternions), ()
@@ -72,13 +75,30 @@ def poses_from_matrices(frames: Frames, world_from_camera: NDArray[np.float64], 
     valid = np.flatnonzero(np.isfinite(world_from_camera).all(axis=(1, 2)))
     if not len(valid):
         return None
-    rotations = world_from_camera[valid, :3, :3]
-    residuals = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    wrong = (residuals > _ORTHOGONALITY_TOLERANCE) | (np.linalg.det(rotations) <= 0)
+    matrices = world_from_camera[valid]
+    wrong = ~_are_poses(matrices)
     if wrong.any():
         image = frames[valid[np.argmax(wrong)]].path.name
         raise SequenceError(f"{source}: the pose of image {image} is not a rotation and a translation; check the file")
-    return _trajectory(frames, valid, world_from_camera[valid, :3, 3], Rotation.from_matrix(rotations).as_quat())
+    rotations = Rotation.from_matrix(matrices[:, :3, :3]).as_quat()
+    return _trajectory(frames, valid, matrices[:, :3, 3], rotations)
+
+
+def _are_poses(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return for (n, 3 or 4, 4) matrices whether each is a rotation, a translation, and 0 0 0 1 below them."""
+    rotations = np.clip(matrices[:, :3, :3], -2, 2)  # larger numbers are wrong too, but would overflow
+    residuals = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    proper = (residuals <= _ORTHOGONALITY_TOLERANCE) & (np.linalg.det(rotations) > 0)
+    last_rows = np.abs(matrices[:, 3:] - np.array([0.0, 0, 0, 1])).max(axis=(1, 2), initial=0.0)
+    near = np.abs(matrices[:, :3, 3]).max(axis=1) < _FARTHEST
+    answer: NDArray[np.bool_] = proper & near & (last_rows <= _ORTHOGONALITY_TOLERANCE)
+    return answer
+
+
+def _refuse_far(poses: Trajectory, source: Path) -> None:
+    """Raise `SequenceError` for positions that no distance can be computed from."""
+    if np.abs(poses.positions).max(initial=0.0) >= _FARTHEST:
+        raise SequenceError(f"{source}: expected positions of a camera, found one beyond {_FARTHEST:g}; check the file")
 
 
 def _trajectory(

@@ -8,14 +8,17 @@ import numpy as np
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import pinhole_from_opencv
-from gtf_tune.sequence.layouts.base import Layout, Recording
+from gtf_tune.sequence.layouts.base import Layout, Reading, Recording, check_unique, naming, one_camera
 from gtf_tune.sequence.layouts.folder import list_images
-from gtf_tune.sequence.layouts.ground_truth import poses_by_timestamp
+from gtf_tune.sequence.layouts.ground_truth import Notes, poses_by_timestamp
+from gtf_tune.sequence.layouts.listed import find_listed
+from gtf_tune.sequence.layouts.numbers import shortened
 from gtf_tune.sequence.layouts.tables import read_rows
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 
 _RATE_HZ = 30.0
+_LONGEST_NUMBER = 12
 
 # Published as fy = -480: the renderer's world and cameras have y pointing up, which makes them left-handed.
 _CAMERA = pinhole_from_opencv((481.2, 480.0), (319.5, 239.5), (640, 480))
@@ -25,14 +28,19 @@ def _pose_file(root: Path) -> Path | None:
     return next(iter(sorted(root.glob("*.gt.freiburg"))), None) if root.is_dir() else None
 
 
-def _read(root: Path) -> Recording:
+def _read(root: Path, _: Reading) -> Recording:
     images = sorted(_numbered(root).items())
     frames = tuple(Frame(position, path, number / _RATE_HZ) for position, (number, path) in enumerate(images))
+    check_unique(frames, root)
     poses = _pose_file(root)
-    if poses is None:
-        return Recording(frames, _CAMERA)
-    ground_truth, notes = poses_by_timestamp(frames, _right_handed(read_trajectory(poses, format="tum")), poses)
-    return Recording(frames, _CAMERA, ground_truth, notes=notes)
+    ground_truth: Trajectory | None = None
+    notes: Notes = ()
+    if poses is not None:
+        with naming(poses):
+            published = read_trajectory(poses, format="tum")
+        ground_truth, notes = poses_by_timestamp(frames, _right_handed(published), poses)
+    files = (root / "associations.txt", *((poses,) if poses else ()))
+    return Recording(frames, lambda: one_camera(_CAMERA), ground_truth, notes=notes, files=files)
 
 
 def _numbered(root: Path) -> dict[int, Path]:
@@ -41,7 +49,7 @@ def _numbered(root: Path) -> dict[int, Path]:
     if pairs.is_file():
         return dict(_association(root, pairs, line, fields) for line, fields in read_rows(pairs))
     folder, pattern = (root / "rgb", "*") if (root / "rgb").is_dir() else (root, "scene_*")
-    found = {path: re.search(r"(\d+)$", path.stem) for path in list_images(folder, pattern)}
+    found = {path: re.search(r"([0-9]+)$", path.stem) for path in list_images(folder, pattern)}
     unnumbered = next((path for path, match in found.items() if match is None), None)
     if unnumbered:
         raise SequenceError(f"{unnumbered}: expected an image name that ends in a number; rename or remove the file")
@@ -50,11 +58,16 @@ def _numbered(root: Path) -> dict[int, Path]:
 
 def _association(root: Path, pairs: Path, line: int, fields: list[str]) -> tuple[int, Path]:
     """Return number and colour image of a line ``number depth number rgb``."""
-    if len(fields) != 4 or not fields[2].isdigit():
+    if len(fields) != 4 or not _is_frame_number(fields[2]):
         raise SequenceError(
-            f"{pairs}:{line}: expected 'number depth-image number colour-image', found '{' '.join(fields)}'"
+            f"{pairs}:{line}: expected 'number depth-image number colour-image', found "
+            f"'{shortened(' '.join(fields))}'; correct the line"
         )
-    return int(fields[2]), root / fields[3]
+    return int(fields[2]), find_listed(root, fields[3], pairs)
+
+
+def _is_frame_number(text: str) -> bool:
+    return text.isascii() and text.isdecimal() and len(text) <= _LONGEST_NUMBER
 
 
 def _right_handed(published: Trajectory) -> Trajectory:

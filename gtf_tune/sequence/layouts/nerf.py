@@ -1,29 +1,58 @@
 """Read transforms.json of NeRF, instant-ngp and nerfstudio."""
 
-import json
-import math
-from collections.abc import Mapping
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from natsort import natsorted
-from numpy.typing import NDArray
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.camera import Camera
-from gtf_tune.sequence.images import image_size, is_image
-from gtf_tune.sequence.layouts.base import Layout, Recording, one_camera
+from gtf_tune.sequence.images import image_size
+from gtf_tune.sequence.layouts.base import Intrinsics, Layout, Reading, Recording
+from gtf_tune.sequence.layouts.fields import Field, read_json
 from gtf_tune.sequence.layouts.folder import counted_frames
 from gtf_tune.sequence.layouts.ground_truth import poses_from_matrices
-from gtf_tune.sequence.layouts.tables import read_text
+from gtf_tune.sequence.layouts.listed import find_listed, with_suffix
+from gtf_tune.sequence.layouts.nerf_lens import CAMERA_KEYS, lens_camera
 
 _NAMES = ("transforms.json", "transforms_train.json")
 
 # From OpenGL's camera axes (right, up, backward) to OpenCV's (right, down, forward).
 _OPENGL_FROM_OPENCV = np.diag([1.0, -1, -1, 1])
 
-_FISHEYE = {"OPENCV_FISHEYE", "EQUIDISTANT"}
+# What trains or draws a radiance field, and bears neither on camera nor on poses.
+_OTHER_KEYS = frozenset(
+    [
+        "frames",
+        "aabb_scale",
+        "scale",
+        "offset",
+        "from_na",
+        "up",
+        "render_aabb",
+        "n_frames",
+        "aabb",
+        "sharpness",
+        "colmap_im_id",
+        "ply_file_path",
+        "depth_file_path",
+        "depth_path",
+        "mask_path",
+        "integer_depth_scale",
+        "enable_depth_loading",
+        "n_extra_learnable_dims",
+        "rotation",
+        "white_transparent",
+        "black_transparent",
+        "train_filenames",
+        "val_filenames",
+        "test_filenames",
+        "fps",
+        "bg_color",
+        "time",
+    ]
+)
 
 
 def _file(root: Path) -> Path | None:
@@ -32,65 +61,51 @@ def _file(root: Path) -> Path | None:
     return next((root / name for name in _NAMES if (root / name).is_file()), None)
 
 
-def _read(root: Path) -> Recording:
+def _read(root: Path, _: Reading) -> Recording:
     path = _file(root) or root / _NAMES[0]
-    values = _parse(path)
-    entries = natsorted(values["frames"], key=lambda entry: str(entry["file_path"]))
-    frames = counted_frames(_image(path.parent, str(entry["file_path"])) for entry in entries)
-    matrices = np.stack([_matrix(entry, path) for entry in entries])
-    size = image_size(frames[0].path)
-    camera, notes = one_camera([_camera({**values, **entry}, size, path) for entry in entries])
-    ground_truth = poses_from_matrices(frames, matrices @ _OPENGL_FROM_OPENCV, path)
-    return Recording(frames, camera, ground_truth, has_timestamps=False, notes=notes)
+    values = read_json(path)
+    entries = natsorted(_entries(values), key=lambda entry: entry["file_path"].text())
+    frames = counted_frames(_image(path, entry) for entry in entries)
+    _refuse_repeated([frame.path for frame in frames], path)
+    matrices = np.stack([entry["transform_matrix"].matrix(4, 4) for entry in entries])
 
+    def read_intrinsics() -> Intrinsics:
+        size = image_size(frames[0].path)
+        return Intrinsics(tuple(lens_camera(replace(entry, defaults=values), size) for entry in entries))
 
-def _parse(path: Path) -> dict[str, Any]:
-    try:
-        values = json.loads(read_text(path))
-        frames = values["frames"]
-        complete = bool(frames) and all({"file_path", "transform_matrix"} <= set(frame) for frame in frames)
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise _malformed(path) from error
-    if not complete:
-        raise _malformed(path)
-    return dict(values)
-
-
-def _malformed(path: Path) -> SequenceError:
-    return SequenceError(
-        f"{path}: expected JSON with 'frames' that have file_path and transform_matrix; check the file"
+    return Recording(
+        frames,
+        read_intrinsics,
+        poses_from_matrices(frames, matrices @ _OPENGL_FROM_OPENCV, path),
+        has_timestamps=False,
+        notes=_unread(values, entries),
+        files=(path,),
     )
 
 
-def _image(folder: Path, name: str) -> Path:
-    """Return the image of a frame; NeRF's own scenes leave the suffix out."""
-    path = folder / name
-    return path if is_image(path) else path.with_name(f"{path.name}.png")
+def _entries(values: Field) -> list[Field]:
+    entries = list(values["frames"].items())
+    if not entries:
+        raise values["frames"].fault("a list of frames with file_path and transform_matrix")
+    return entries
 
 
-def _matrix(entry: Mapping[str, Any], path: Path) -> NDArray[np.float64]:
-    matrix = np.array(entry["transform_matrix"], dtype=np.float64)
-    if matrix.shape != (4, 4):
-        raise SequenceError(f"{path}: expected a 4x4 transform_matrix for {entry['file_path']}, found {matrix.shape}")
-    return matrix
+def _image(path: Path, entry: Field) -> Path:
+    return with_suffix(find_listed(path.parent, entry["file_path"].text(), path))
 
 
-def _camera(values: Mapping[str, Any], size: tuple[int, int], path: Path) -> Camera:
-    """Return the intrinsics; principal points come from COLMAP and so have its pixel centres."""
-    width, height = int(values.get("w", size[0])), int(values.get("h", size[1]))
-    focal = values.get("fl_x")
-    if focal is None:
-        angle = values.get("camera_angle_x")
-        if angle is None:
-            raise SequenceError(f"{path}: expected fl_x or camera_angle_x, found neither; give the camera instead")
-        focal = width / (2 * math.tan(float(angle) / 2))
-    pinhole = (focal, values.get("fl_y", focal), values.get("cx", width / 2), values.get("cy", height / 2))
-    fisheye = str(values.get("camera_model", "")).upper() in _FISHEYE
-    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
-    distortion = tuple(float(values.get(name, 0.0)) for name in names)
-    if not fisheye and not any(distortion):
-        return Camera("PINHOLE", width, height, pinhole)
-    return Camera("OPENCV_FISHEYE" if fisheye else "OPENCV", width, height, (*pinhole, *distortion))
+def _refuse_repeated(images: list[Path], path: Path) -> None:
+    counted = Counter(images)
+    for image in images:
+        if counted[image] > 1:
+            raise SequenceError(f"{path}: names the image {image.name} twice; remove one of the frames")
+
+
+def _unread(values: Field, entries: list[Field]) -> tuple[str, ...]:
+    """Return a note on keys that may bear on camera or poses and are not read."""
+    known = CAMERA_KEYS | _OTHER_KEYS | {"file_path", "transform_matrix"}
+    others = dict.fromkeys(name for field in (values, *entries) for name in field.others(known))
+    return (f"{values.path.name} has keys that are not read: {', '.join(others)}",) if others else ()
 
 
 NERF = Layout(

@@ -8,7 +8,7 @@ import numpy as np
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera, pinhole_from_matrix, pinhole_from_opencv
 from gtf_tune.sequence.images import image_size
-from gtf_tune.sequence.layouts.base import Layout, Recording
+from gtf_tune.sequence.layouts.base import Intrinsics, Layout, Reading, Recording, naming, one_camera
 from gtf_tune.sequence.layouts.folder import list_images
 from gtf_tune.sequence.layouts.ground_truth import poses_from_matrices
 from gtf_tune.sequence.layouts.tables import read_matrix
@@ -21,31 +21,37 @@ _RATE_HZ = 30.0
 _SEVEN_SCENES_CAMERA = pinhole_from_opencv((585.0, 585.0), (320.0, 240.0), (640, 480))
 
 
-def _read_seven_scenes(root: Path) -> Recording:
+def _read_seven_scenes(root: Path, _: Reading) -> Recording:
     frames = _numbered_frames(root, "frame-*.color.*")
-    names = (frame.path.name.split(".")[0] for frame in frames)
-    ground_truth = _read_poses(frames, tuple(root / f"{name}.pose.txt" for name in names))
-    return Recording(frames, _SEVEN_SCENES_CAMERA, ground_truth)
+    poses = tuple(root / f"{frame.path.name.split('.')[0]}.pose.txt" for frame in frames)
+    return Recording(frames, lambda: one_camera(_SEVEN_SCENES_CAMERA), _read_poses(frames, poses), files=poses)
 
 
-def _read_scannet(root: Path) -> Recording:
+def _read_scannet(root: Path, _: Reading) -> Recording:
     frames = _numbered_frames(root / "color", "*")
     poses = tuple(root / "pose" / f"{frame.path.stem}.txt" for frame in frames)
     ground_truth = _read_poses(frames, poses) if (root / "pose").is_dir() else None
-    return Recording(frames, _scannet_camera(root / "intrinsic" / "intrinsic_color.txt", frames[0].path), ground_truth)
+    calibration = root / "intrinsic" / "intrinsic_color.txt"
+
+    def read_intrinsics() -> Intrinsics:
+        return one_camera(_scannet_camera(calibration, frames[0].path))
+
+    return Recording(frames, read_intrinsics, ground_truth, files=(calibration, *poses))
 
 
 def _scannet_camera(path: Path, image: Path) -> Camera | None:
     if not path.is_file():
         return None
-    return pinhole_from_matrix(read_matrix(path, 3, 4), image_size(image))
+    matrix = read_matrix(path, 3, 4)
+    with naming(path):
+        return pinhole_from_matrix(matrix, image_size(image))
 
 
 def _numbered_frames(folder: Path, pattern: str) -> tuple[Frame, ...]:
     """Return frames whose timestamps count the numbers in the file names at 30 Hz: left-out frames leave gaps."""
     frames: list[Frame] = []
     for path in list_images(folder, pattern):
-        number = re.search(r"\d+", path.name)
+        number = re.search(r"[0-9]+", path.name)
         if number is None:
             raise SequenceError(f"{path}: expected a number in the name of the image; rename or remove the file")
         frames.append(Frame(len(frames), path, int(number.group()) / _RATE_HZ))

@@ -4,11 +4,11 @@ import shlex
 from pathlib import Path
 
 from gtf_tune.errors import SequenceError, did_you_mean
-from gtf_tune.sequence.images import IMAGE_KINDS
+from gtf_tune.sequence.image_formats import IMAGE_KINDS
 from gtf_tune.sequence.layouts.base import Layout
 from gtf_tune.sequence.layouts.colmap import COLMAP
 from gtf_tune.sequence.layouts.euroc import EUROC
-from gtf_tune.sequence.layouts.folder import FOLDER
+from gtf_tune.sequence.layouts.folder import FOLDER, images_below, named_folders, unread_photographs
 from gtf_tune.sequence.layouts.icl_nuim import ICL_NUIM
 from gtf_tune.sequence.layouts.kitti import KITTI
 from gtf_tune.sequence.layouts.nerf import NERF
@@ -17,6 +17,7 @@ from gtf_tune.sequence.layouts.replica import REPLICA
 from gtf_tune.sequence.layouts.strecha import STRECHA
 from gtf_tune.sequence.layouts.tartanair import TARTANAIR
 from gtf_tune.sequence.layouts.tum import ETH3D_SLAM, TUM_RGBD
+from gtf_tune.sequence.layouts.vslam_lab import VSLAM_LAB
 
 AUTO = "auto"
 
@@ -24,6 +25,7 @@ _VIDEO_SUFFIXES = frozenset({".avi", ".m4v", ".mkv", ".mov", ".mp4", ".mpg", ".w
 
 # The first that matches wins, so a layout stands before those whose marks it shares.
 _LAYOUTS: tuple[Layout, ...] = (
+    VSLAM_LAB,
     ICL_NUIM,
     ETH3D_SLAM,
     TUM_RGBD,
@@ -50,14 +52,20 @@ def layout_help() -> dict[str, str]:
     return {layout.name: layout.help for layout in _LAYOUTS}
 
 
-def find_layout(root: Path, name: str = AUTO) -> Layout:
+def find_layout(root: Path, name: str = AUTO, *, recursive: bool = False) -> Layout:
     """Return the layout of this name, or with "auto" the first that fits the folder.
+
+    With ``recursive`` that is a plain folder, the only layout whose subfolders mean nothing.
 
     Raises
     ------
     SequenceError
         There is no layout of this name, or none fits.
     """
+    if recursive:
+        if name not in (AUTO, FOLDER.name):
+            raise SequenceError(f"recursive is for layout '{FOLDER.name}', not '{name}'; leave one of them out")
+        return FOLDER
     if name != AUTO:
         return _named(name)
     try:
@@ -67,6 +75,18 @@ def find_layout(root: Path, name: str = AUTO) -> Layout:
     if found is None and root.suffix.lower() in _VIDEO_SUFFIXES:
         extract = shlex.join(["gtf-tune", "sequence", "extract", root.name, f"{root.stem}/", "--rate-hz", "3"])
         raise SequenceError(f"{root}: this is a video; take its frames out first with: {extract}, and give that folder")
+    below = images_below(root) if found is None and root.is_dir() else {}
+    if below:
+        raise SequenceError(
+            f"{root}: found no images here, but in subfolders: {named_folders(below)}; give one of them, or all as one "
+            "sequence with --recursive (recursive = true)"
+        )
+    unread = unread_photographs(root) if found is None and root.is_dir() else ""
+    if unread:
+        raise SequenceError(
+            f"{root}: found photographs, but in formats that are not read: {unread}; develop or convert them to JPEG, "
+            "PNG or TIFF"
+        )
     if found is None:
         raise SequenceError(
             f"{root}: found neither images ({IMAGE_KINDS}) nor a known layout ({', '.join(layout_names())}); give the "

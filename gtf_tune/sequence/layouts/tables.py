@@ -1,5 +1,6 @@
 """Read the plain tables of numbers that data sets are described in."""
 
+import io
 import math
 from pathlib import Path
 
@@ -7,25 +8,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gtf_tune.errors import SequenceError
+from gtf_tune.sequence.layouts.numbers import parse_number, shortened
+
+_NANOSECOND_DIGITS = 30
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file, or raise `SequenceError` that names it."""
+    """Return the text of a regular file, or raise `SequenceError` that names it.
+
+    A named pipe or a device is refused: reading one may never end.
+    """
     try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise SequenceError(f"{path}: cannot read the file ({error.strerror}); check the path") from error
+        return io.TextIOWrapper(io.BytesIO(read_bytes(path)), encoding="utf-8-sig").read()
     except UnicodeDecodeError as error:
         raise SequenceError(f"{path}: expected a text file, found other bytes; check the download") from error
 
 
-def read_rows(path: Path, separator: str | None = None) -> list[tuple[int, list[str]]]:
-    """Return (line number from 1, fields) of each line that is neither empty nor a comment that starts with ``#``."""
+def read_bytes(path: Path) -> bytes:
+    """Return the bytes of a regular file, or raise `SequenceError` that names it."""
+    try:
+        if path.exists() and not path.is_file():
+            raise SequenceError(f"{path}: expected a file, found a folder, a pipe or a device; check the path")
+        return path.read_bytes()
+    except OSError as error:
+        raise SequenceError(f"{path}: cannot read the file ({error.strerror}); check the path") from error
+
+
+def read_rows(path: Path, separator: str | None = None, columns: int = 0) -> list[tuple[int, list[str]]]:
+    """Return (line number from 1, fields) of each line that is neither empty nor a comment that starts with ``#``.
+
+    With ``columns``, what would be more fields stays in the last one, such as a file name with spaces.
+    """
     rows = []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
         content = line.strip()
         if content and not content.startswith("#"):
-            rows.append((number, [field.strip() for field in content.split(separator)]))
+            rows.append((number, [field.strip() for field in content.split(separator, columns - 1)]))
     return rows
 
 
@@ -33,8 +51,17 @@ def to_numbers(fields: list[str], path: Path, line: int) -> list[float]:
     """Return the fields as finite numbers, or raise `SequenceError` that names file and line."""
     numbers = _to_floats(fields, path, line)
     if not all(math.isfinite(number) for number in numbers):
-        raise SequenceError(f"{path}:{line}: expected finite numbers, found '{' '.join(fields)}'; mend the line")
+        raise SequenceError(f"{path}:{line}: expected finite numbers, found '{_shown(fields)}'; correct the line")
     return numbers
+
+
+def to_nanoseconds(field: str, path: Path, line: int) -> float:
+    """Return the seconds of a whole number of nanoseconds since some time, or raise `SequenceError`."""
+    if not (field.isascii() and field.isdecimal() and len(field) <= _NANOSECOND_DIGITS):
+        raise SequenceError(
+            f"{path}:{line}: expected a time in whole nanoseconds, found '{shortened(field)}'; correct the line"
+        )
+    return int(field) * 1e-9
 
 
 def read_numbers(path: Path) -> NDArray[np.float64]:
@@ -52,7 +79,12 @@ def read_matrix(path: Path, rows: int, columns: int) -> NDArray[np.float64]:
 
 
 def _to_floats(fields: list[str], path: Path, line: int) -> list[float]:
-    try:
-        return [float(field) for field in fields]
-    except ValueError as error:
-        raise SequenceError(f"{path}:{line}: expected numbers, found '{' '.join(fields)}'; mend the line") from error
+    numbers = [parse_number(field) for field in fields]
+    found = [number for number in numbers if number is not None]
+    if len(found) < len(fields):
+        raise SequenceError(f"{path}:{line}: expected numbers, found '{_shown(fields)}'; correct the line")
+    return found
+
+
+def _shown(fields: list[str]) -> str:
+    return shortened(" ".join(fields))

@@ -3,14 +3,16 @@
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
-from gtf_tune.sequence.layouts.base import Layout, Recording
+from gtf_tune.sequence.layouts.base import Layout, Reading, Recording, one_camera
 from gtf_tune.sequence.layouts.folder import counted_frames, list_images
 from gtf_tune.sequence.layouts.ground_truth import poses_from_matrices
 from gtf_tune.sequence.layouts.tables import read_rows, to_numbers
+from gtf_tune.trajectory.formats import UNIT_TOLERANCE
 
 # Rendered with a field of view of exactly 90 degrees, so the principal point is the centre of the image: 320, 240 with
 # pixel centres at +0.5.
@@ -24,7 +26,7 @@ def _matches(root: Path) -> bool:
     return (root / "image_left").is_dir() and (root / "pose_left.txt").is_file()
 
 
-def _read(root: Path) -> Recording:
+def _read(root: Path, _: Reading) -> Recording:
     frames = counted_frames(list_images(root / "image_left"))
     path = root / "pose_left.txt"
     rows = np.array([to_numbers(fields, path, line) for line, fields in _pose_rows(path)]).reshape(-1, 7)
@@ -32,10 +34,21 @@ def _read(root: Path) -> Recording:
         raise SequenceError(
             f"{path}: expected {len(frames)} poses, one for each image, found {len(rows)}; check the download"
         )
+    _check_quaternions(rows[:, 3:], path)
     matrices = np.tile(np.eye(4), (len(rows), 1, 1))
     matrices[:, :3, :3] = Rotation.from_quat(rows[:, 3:]).as_matrix() @ _NED_FROM_OPENCV
     matrices[:, :3, 3] = rows[:, :3]
-    return Recording(frames, _CAMERA, poses_from_matrices(frames, matrices, path), has_timestamps=False)
+    ground_truth = poses_from_matrices(frames, matrices, path)
+    return Recording(frames, lambda: one_camera(_CAMERA), ground_truth, has_timestamps=False, files=(path,))
+
+
+def _check_quaternions(quaternions: NDArray[np.float64], path: Path) -> None:
+    wrong = np.abs(np.sqrt(np.square(np.clip(quaternions, -2, 2)).sum(axis=1)) - 1) > UNIT_TOLERANCE
+    if wrong.any():
+        raise SequenceError(
+            f"{path}: expected unit quaternions qx qy qz qw, found another in pose {int(np.argmax(wrong)) + 1}; check "
+            "the file"
+        )
 
 
 def _pose_rows(path: Path) -> list[tuple[int, list[str]]]:
@@ -43,7 +56,7 @@ def _pose_rows(path: Path) -> list[tuple[int, list[str]]]:
     for line, fields in rows:
         if len(fields) != 7:
             raise SequenceError(
-                f"{path}:{line}: expected 'tx ty tz qx qy qz qw', found {len(fields)} fields; mend the line"
+                f"{path}:{line}: expected 'tx ty tz qx qy qz qw', found {len(fields)} fields; correct the line"
             )
     return rows
 

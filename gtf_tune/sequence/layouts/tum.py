@@ -3,10 +3,22 @@
 from pathlib import Path
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.camera import Camera, pinhole_from_opencv
+from gtf_tune.sequence.camera import pinhole_from_opencv
 from gtf_tune.sequence.images import image_size
-from gtf_tune.sequence.layouts.base import Layout, Recording, check_unique
+from gtf_tune.sequence.layouts.base import (
+    GIVE_THE_CAMERA,
+    UNKNOWN,
+    Intrinsics,
+    Layout,
+    Reading,
+    Recording,
+    check_unique,
+    naming,
+    one_camera,
+)
 from gtf_tune.sequence.layouts.ground_truth import poses_by_timestamp
+from gtf_tune.sequence.layouts.listed import find_listed
+from gtf_tune.sequence.layouts.numbers import shortened
 from gtf_tune.sequence.layouts.tables import read_numbers, read_rows, to_numbers
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
@@ -15,33 +27,46 @@ from gtf_tune.trajectory import Trajectory, read_trajectory
 def read_image_list(path: Path) -> tuple[Frame, ...]:
     """Return the frames of a file of lines ``timestamp image``, whose images are relative to the file's folder."""
     frames: list[Frame] = []
-    for line, fields in read_rows(path):
+    for line, fields in read_rows(path, columns=2):
         if len(fields) != 2:
-            raise SequenceError(f"{path}:{line}: expected 'timestamp image', found '{' '.join(fields)}'; mend the line")
-        frames.append(Frame(len(frames), path.parent / fields[1], to_numbers(fields[:1], path, line)[0]))
+            raise SequenceError(
+                f"{path}:{line}: expected 'timestamp image', found '{shortened(' '.join(fields))}'; correct the line"
+            )
+        stamp = to_numbers(fields[:1], path, line)[0]
+        frames.append(Frame(len(frames), find_listed(path.parent, fields[1], path), stamp))
     if not frames:
         raise SequenceError(f"{path}: lists no images; give a sequence that has some")
     check_unique(tuple(frames), path)
     return tuple(frames)
 
 
-def _read_calibration(path: Path, image: Path) -> Camera:
+def _read_intrinsics(path: Path, image: Path) -> Intrinsics:
+    if not path.exists():
+        return UNKNOWN
     numbers = read_numbers(path)
     if len(numbers) != 4:
-        raise SequenceError(f"{path}: expected 'fx fy cx cy', found {len(numbers)} numbers; mend the file")
+        raise SequenceError(f"{path}: expected 'fx fy cx cy', found {len(numbers)} numbers; {GIVE_THE_CAMERA}")
     fx, fy, cx, cy = (float(number) for number in numbers)
-    return pinhole_from_opencv((fx, fy), (cx, cy), image_size(image))
+    with naming(path):
+        return one_camera(pinhole_from_opencv((fx, fy), (cx, cy), image_size(image)))
 
 
-def _read(root: Path) -> Recording:
+def _read(root: Path, _: Reading) -> Recording:
     frames = read_image_list(root / "rgb.txt")
     calibration, poses = root / "calibration.txt", root / "groundtruth.txt"
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
-    if poses.exists():
-        ground_truth, notes = poses_by_timestamp(frames, read_trajectory(poses, format="tum"), poses)
-    camera = _read_calibration(calibration, frames[0].path) if calibration.exists() else None
-    return Recording(frames, camera, ground_truth, notes=notes)
+    if poses.is_file():
+        with naming(poses):
+            found = read_trajectory(poses, format="tum")
+        ground_truth, notes = poses_by_timestamp(frames, found, poses)
+    return Recording(
+        frames,
+        lambda: _read_intrinsics(calibration, frames[0].path),
+        ground_truth,
+        notes=notes,
+        files=(root / "rgb.txt", calibration, poses),
+    )
 
 
 ETH3D_SLAM = Layout(

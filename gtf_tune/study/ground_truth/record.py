@@ -17,9 +17,10 @@ from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import stored_definition
 from gtf_tune.store.trial_queue import TrialLease
 from gtf_tune.study.ground_truth.errors import side_metric
-from gtf_tune.study.open_study import OpenStudy, check_fingerprint, folder_of, load_defined_sequence
+from gtf_tune.study.open_study import OpenStudy, folder_of
 from gtf_tune.study.runs.sequence_runs import stored_by_sequence
 from gtf_tune.study.scoring.trial_scorer import ScoredTrial
+from gtf_tune.study.sequences import load_stored_sequence
 from gtf_tune.trajectory import Trajectory
 
 
@@ -89,8 +90,7 @@ def _ground_truths(database: Database, study: studies.Study, places: Mapping[str
         if not known[one.name].has_ground_truth:
             continue
         root = Path(study.root)
-        sequence = load_defined_sequence(one, root, folder_of(one, root, places))
-        check_fingerprint(sequence, known[one.name].fingerprint)
+        sequence, _ = load_stored_sequence(one, known[one.name], folder_of(one, root, places))
         if sequence.ground_truth is not None:
             found[one.name] = sequence.ground_truth
     return found

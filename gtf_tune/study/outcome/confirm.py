@@ -17,7 +17,7 @@ from gtf_tune.sequence import Sequence
 from gtf_tune.store import confirmations, studies, trials
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.noise.ladder import with_noise
-from gtf_tune.study.open_study import OpenStudy, check_fingerprint, folder_of, load_defined_sequence
+from gtf_tune.study.open_study import OpenStudy, folder_of
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
 from gtf_tune.study.outcome.recommendation import without_feasible_trial
 from gtf_tune.study.outcome.verdict import Verdict
@@ -25,6 +25,7 @@ from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
 from gtf_tune.study.runs.run_source import RunSource
 from gtf_tune.study.runs.sequence_runs import finished_by_sequence
 from gtf_tune.study.scoring.objective import settings_of
+from gtf_tune.study.sequences import load_stored_sequence
 
 DEFAULT_TOP = 3
 DEFAULT_RUNS = 16
@@ -126,13 +127,12 @@ def _candidates(known: list[Trial], nominal: Trial, top: int) -> tuple[Trial, ..
 
 def _all_sequences(study: OpenStudy, places: Mapping[str, Path]) -> dict[str, Sequence]:
     """Return the searched sequences and those held out, checked to be what the study began with."""
-    expected = {one.name: one.fingerprint for one in studies.sequences(study.database, study.record.id)}
+    stored = {one.name: one for one in studies.sequences(study.database, study.record.id)}
     found = dict(study.sequences)
     for one in study.definition.sequences:
         if one.holdout:
             root = Path(study.record.root)
-            found[one.name] = load_defined_sequence(one, root, folder_of(one, root, places))
-            check_fingerprint(found[one.name], expected[one.name])
+            found[one.name], _ = load_stored_sequence(one, stored[one.name], folder_of(one, root, places))
     return found
 
 

@@ -161,6 +161,8 @@ class WorkerLoop:
             self._opened[record.id] = known
             self._refused.pop(record.id, None)
             self.announce(f"serving study '{record.name}'")
+            for change in known.changes:
+                self.announce(f"note: {change}")
         return known
 
     def _refuse(self, record: Study, reason: str) -> None:
