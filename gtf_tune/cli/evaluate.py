@@ -42,7 +42,7 @@ def evaluate(
     Example: gtf-tune evaluate images/ -o mapper.max_normalized_reproj_error=1e-3
     """
     from gtf_tune.cli.executors import cores, make_executor
-    from gtf_tune.cli.values import parse_nominal, parse_pairs
+    from gtf_tune.cli.values import parse_options, parse_pairs
     from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.display import sequence_unit
@@ -56,7 +56,7 @@ def evaluate(
         source="evaluate",
     )
     chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))
-    given = parse_nominal(nominal) | parse_pairs(option, "--option")
+    given = parse_options(nominal, "--nominal") | parse_pairs(option, "--option")
     measured = section_from_dict(SideMetricDefinition, parse_pairs(side, "--side"), source="--side")
     wanted = Setting(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
     selection = parse_selection(frames, exclude, recursive)

@@ -60,25 +60,25 @@ def parse_pair(text: str, flag: str) -> tuple[str, str]:
     return name.strip(), value.strip()
 
 
-def parse_nominal(texts: list[str] | None) -> dict[str, Any]:
-    """Return the options that several ``--nominal`` give: OPTION=VALUE, or JSON files, which the former overrule."""
+def parse_options(texts: list[str] | None, flag: str) -> dict[str, Any]:
+    """Return the options that are given as OPTION=VALUE, or as JSON files, which the former overrule."""
     pairs = [text for text in texts or [] if "=" in text]
-    files = [_options_of(Path(text)) for text in texts or [] if "=" not in text]
-    refuse_repeated([name for options in files for name in options], "--nominal")
-    return {name: value for options in files for name, value in options.items()} | parse_pairs(pairs, "--nominal")
+    files = [_options_of(Path(text), flag) for text in texts or [] if "=" not in text]
+    refuse_repeated([name for options in files for name in options], flag)
+    return {name: value for options in files for name, value in options.items()} | parse_pairs(pairs, flag)
 
 
-def _options_of(path: Path) -> dict[str, Any]:
+def _options_of(path: Path, flag: str) -> dict[str, Any]:
     """Return the options of a JSON file by their dotted paths; tables in tables are parts of a path."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise DefinitionError(
-            f"--nominal takes OPTION=VALUE or a JSON file such as 'gtf-tune study export --format json' writes, and "
+            f"{flag} takes OPTION=VALUE or a JSON file such as 'gtf-tune study export --format json' writes, and "
             f"'{path}' is neither ({error})"
         ) from error
     if not isinstance(found, dict):
-        raise DefinitionError(f"--nominal {path}: the file should hold an object of options, not {str(found)[:40]!r}")
+        raise DefinitionError(f"{flag} {path}: the file should hold an object of options, not {str(found)[:40]!r}")
     return dict(_dotted(found))
 
 

@@ -267,22 +267,40 @@ def check_whole(study: Study) -> None:
 
 
 def close(database: Database, study: Study) -> bool:
-    """Mark a study as done, unless it was extended since ``study`` was read, and return whether it is marked."""
+    """Mark a study as done, and return whether it is marked.
+
+    It is not where it was extended since ``study`` was read, or a trial was enqueued that nobody has begun.
+    """
     same = (models.Study.id == study.id) & (models.Study.definition == study.definition)
-    statement = update(models.Study).where(same).values(state="done").returning(models.Study.id)
+    left = select(models.Trial.id).where(models.Trial.study_id == study.id, models.Trial.state == "claimed")
+    statement = update(models.Study).where(same, ~left.exists()).values(state="done").returning(models.Study.id)
     return write(database, lambda session: session.scalar(statement) is not None)
 
 
-def set_definition(database: Database, study_id: int, definition: str, resolved: Mapping[str, Any]) -> None:
-    """Replace the definition of a study by an extended one."""
-    _set(database, study_id, definition=definition, resolved=dict(resolved))
+def replace_definition(database: Database, study_id: int, definition: str) -> None:
+    """Replace the definition of a study, and keep the former one among what the study was resolved to."""
+    at = time.time()
+
+    def work(session: Session) -> None:
+        row = locked(session, study_id)
+        if row.definition != definition:
+            former = {"at": at, "before": json.loads(row.definition)}
+            row.resolved = {**row.resolved, "extensions": [*row.resolved.get("extensions", ()), former]}
+            row.definition = definition
+
+    write(database, work)
+
+
+def locked(session: Session, study_id: int) -> models.Study:
+    """Return the row of a study, which nobody else changes until the transaction ends."""
+    return session.scalars(select(models.Study).where(models.Study.id == study_id).with_for_update()).one()
 
 
 def resolve_noise(database: Database, study_id: int, sigmas: Mapping[str, float]) -> dict[str, float]:
     """Store the noise of sequences that have none yet, and return that of all: the first to store one decides it."""
 
     def work(session: Session) -> dict[str, float]:
-        row = session.scalars(select(models.Study).where(models.Study.id == study_id).with_for_update()).one()
+        row = locked(session, study_id)
         found = {**sigmas, **row.resolved["noise_sigma"]}
         row.resolved = {**row.resolved, "noise_sigma": found}
         return found

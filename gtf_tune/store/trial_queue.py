@@ -9,8 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, func, or_, select, update
-from sqlalchemy.orm import Session
+from sqlalchemy import ColumnElement, case, func, or_, select, update
+from sqlalchemy.orm import Session, aliased
 
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.store.database import Database, models
@@ -19,6 +19,9 @@ from gtf_tune.store.database.session import read, write
 from gtf_tune.store.workers import Worker, has_died
 
 TrialState = Literal["claimed", "complete", "pruned", "failed"]
+
+ENQUEUED_KEY = "enqueued"
+"""Where ``resolved`` of a study keeps the numbers of its enqueued trials, which the budget of the search leaves out."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,8 @@ class TrialResult:
 def lease_trial(database: Database, study_id: int, budget: int, worker: Worker) -> TrialLease | None:
     """Lease the next trial of a study that nobody has begun; return None where there is none for now.
 
-    There is none once all ``budget`` trials are handed out, nor while a worker holds trial 0: all others are compared
-    with the nominal trial.
+    There is none once all ``budget`` trials are handed out besides those that were enqueued, nor while a worker holds
+    trial 0: all others are compared with the nominal trial.
     """
     token = uuid.uuid4().hex
 
@@ -77,9 +80,11 @@ def lease_trial(database: Database, study_id: int, budget: int, worker: Worker) 
         if mine is not None:
             return mine
         # Workers of one study wait for each other here, so that numbers have no gaps and nobody exceeds the budget.
-        session.execute(select(models.Study.id).where(models.Study.id == study_id).with_for_update(key_share=True))
+        resolved = session.scalar(
+            select(models.Study.resolved).where(models.Study.id == study_id).with_for_update(key_share=True)
+        )
         number, nominal_in_work = _next_number(session, study_id)
-        free = number < budget and not nominal_in_work
+        free = number < budget + len((resolved or {}).get(ENQUEUED_KEY, ())) and not nominal_in_work
         return _insert(session, study_id, number, token, worker) if free else None
 
     return write(database, work)
@@ -106,14 +111,15 @@ def adopt_stale(database: Database, study_id: int, worker: Worker, grace_s: floa
     """Lease the first trial whose worker is gone; return None where there is no such trial.
 
     A worker is gone when it released the trial, when its process on this machine ended, or when its last heartbeat is
-    more than ``grace_s`` seconds away by the database's clock.
+    more than ``grace_s`` seconds away by the database's clock. An enqueued trial never had one; it waits until the
+    nominal trial has ended.
     """
     token = uuid.uuid4().hex
 
     def work(session: Session) -> TrialLease | None:
         for trial_id, held_by in _stale(session, study_id, grace_s):
             unchanged = models.Trial.lease.is_not_distinct_from(held_by)
-            values = {**_leased(token, worker), "attempts": models.Trial.attempts + 1}
+            values = {**_leased(token, worker), "attempts": models.Trial.attempts + 1, "started_at": _started_at()}
             if _update(session, trial_id, unchanged, values):
                 break
         return _held(session, token)
@@ -121,13 +127,19 @@ def adopt_stale(database: Database, study_id: int, worker: Worker, grace_s: floa
     return write(database, work)
 
 
+def _started_at() -> Any:
+    return case((models.Trial.attempts == 0, DatabaseClock()), else_=models.Trial.started_at)
+
+
 def _stale(session: Session, study_id: int, grace_s: float) -> list[tuple[int, str | None]]:
     trial = models.Trial
+    nominal = aliased(trial)
+    in_work = select(nominal.id).where(nominal.study_id == study_id, nominal.number == 0, nominal.state == "claimed")
     # A heartbeat from the future is as stale as an old one: the database's clock was set back after its worker died.
     silent = or_(trial.lease.is_(None), func.abs(DatabaseClock() - trial.heartbeat_at) > grace_s)
     query = (
         select(trial.id, trial.lease, silent, trial.owner, trial.host, trial.machine, trial.pid, trial.pid_started)
-        .where(trial.study_id == study_id, trial.state == "claimed")
+        .where(trial.study_id == study_id, trial.state == "claimed", or_(trial.number == 0, ~in_work.exists()))
         .order_by(trial.number)
     )
     return [(row[0], row[1]) for row in session.execute(query) if row[2] or has_died(Worker(*row[3:]))]

@@ -4,8 +4,6 @@ What would make old and new trials incomparable is refused. A study that differs
 new, and takes over every run that has the same key, so that nothing is computed twice.
 """
 
-import json
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +13,7 @@ from gtf_tune.definition import Axis, RangeAxis, StudyDefinition, dump_definitio
 from gtf_tune.errors import DefinitionError
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
+from gtf_tune.store.enqueued import numbers_of
 from gtf_tune.store.studies import Study, stored_definition
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.open_study import defined_budget, make_pipeline
@@ -58,9 +57,12 @@ def extend_study(database: Database, name: str, extension: Extension) -> Study:
     studies.check_whole(study)
     definition = stored_definition(study)
     _refuse(definition, extension)
-    extended = checked_definition(_changed(definition, extension), f"study '{name}'")
+    changed = _changed(definition, extension)
+    if extension.trials is not None:  # the total, of which the definition knows those of the search
+        changed["search"]["trials"] = max(extension.trials - len(numbers_of(study.resolved)), 1)
+    extended = checked_definition(changed, f"study '{name}'")
     _refuse_too_few(database, study, extended)
-    _replace(database, study, extended)
+    studies.replace_definition(database, study.id, dump_definition(extended))
     if studies.state(database, study.id) == "done":  # asked again: until now a worker may have closed it
         studies.set_state(database, study.id, "open")
     return studies.get(database, name)
@@ -90,15 +92,8 @@ def change_sampler(database: Database, name: str, sampler: str) -> Study:
             "trials of a grid are its points; create a new study, which takes over every run that is the same"
         )
     check_search(changed, build_space(changed, make_pipeline(changed).options))
-    _replace(database, study, changed)
+    studies.replace_definition(database, study.id, dump_definition(changed))
     return studies.get(database, name)
-
-
-def _replace(database: Database, study: Study, definition: StudyDefinition) -> None:
-    """Store another definition of a study, and what it was until now."""
-    history = [*study.resolved.get("extensions", ()), {"at": time.time(), "before": json.loads(study.definition)}]
-    resolved = {**study.resolved, "extensions": history}
-    studies.set_definition(database, study.id, dump_definition(definition), resolved)
 
 
 def derive_study(database: Database, name: str, extension: Extension, new_name: str) -> Study:
@@ -164,7 +159,7 @@ def _axis_fault(definition: StudyDefinition, option: str, axis: Mapping[str, Any
 
 def _refuse_too_few(database: Database, study: Study, extended: StudyDefinition) -> None:
     handed_out = sum(trials.counts(database, study.id).values())
-    budget = defined_budget(extended)
+    budget = defined_budget(extended) + len(numbers_of(study.resolved))
     if budget < handed_out:
         raise DefinitionError(
             f"study '{study.name}' has {handed_out} trials already, more than {budget}; raise --trials"

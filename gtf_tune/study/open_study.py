@@ -13,6 +13,7 @@ from gtf_tune.pipelines import Pipeline, create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
+from gtf_tune.store.enqueued import numbers_of
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource
@@ -50,8 +51,8 @@ class OpenStudy:
 
     @property
     def budget(self) -> int:
-        """Return the number of trials, nominal included."""
-        return trial_budget(self.definition, self.space)
+        """Return the number of trials, nominal included, and those that were enqueued before the study was opened."""
+        return trial_budget(self.definition, self.space) + len(numbers_of(self.record.resolved))
 
 
 def open_study(
@@ -129,7 +130,7 @@ def _version_mismatch(record: Study, pipeline: str, version: str) -> str:
 
 
 def trial_budget(definition: StudyDefinition, space: SearchSpace) -> int:
-    """Return the number of trials of a study: what it asks for, a grid's size, or 50."""
+    """Return the number of trials of a search: what its definition asks for, a grid's size, or 50."""
     if definition.search.sampler == "grid":
         size = space.grid_size()
         return min(size, definition.search.trials or size)
@@ -144,7 +145,7 @@ def defined_budget(definition: StudyDefinition) -> int:
 def trials_left(database: Database, study: Study) -> int:
     """Return how many trials a stored study has to begin or to end."""
     counts = trials.counts(database, study.id)
-    budget = defined_budget(stored_definition(study))
+    budget = defined_budget(stored_definition(study)) + len(numbers_of(study.resolved))
     return max(budget - sum(counts.values()), 0) + counts.get("claimed", 0)
 
 

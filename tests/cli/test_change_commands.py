@@ -119,3 +119,38 @@ def test_extend_refuses_what_cannot_be_compared_and_names_the_way_out(tuned: Cli
     assert refused.code == 1
     assert "--as NEW-NAME" in refused.err
     assert (derived.code, "gtf-tune study run more" in derived.err) == (0, True)
+
+
+def test_a_colleagues_options_are_enqueued_by_values_or_by_a_file(cli: Cli, room: Path) -> None:
+    cli(
+        "study",
+        "create",
+        "small",
+        "-p",
+        "analytic",
+        "-s",
+        "room",
+        "-n",
+        "2",
+        "-k",
+        "1",
+        "-K",
+        "2",
+        "-r",
+        "filter.max_error=1e-3:1e-1:log",
+    )
+    Path("theirs.json").write_text('{"filter": {"max_error": 0.02}}')
+
+    by_value = cli("study", "enqueue", "small", "-o", "filter.max_error=0.03")
+    by_file = cli("study", "enqueue", "small", "-o", "theirs.json")
+    waiting = cli("study", "show", "small").out
+    refused = cli("study", "enqueue", "small", "-o", "filter.max_error=0.5")
+    cli("study", "run", "small", "--jobs", "1")
+    shown = json.loads(cli("study", "show", "small", "--json").out)["trials"]
+
+    assert "trial 1 of study 'small' will have these options" in by_value.err
+    assert "Next: gtf-tune study run small" in by_file.err
+    assert waiting.count("waiting") == 3  # nominal before both
+    assert (refused.code, "is searched over [0.001, 0.1], not 0.5" in refused.err) == (1, True)
+    assert [one["options"]["filter.max_error"] for one in shown][:3] == [0.01, 0.03, 0.02]
+    assert len(shown) == 4

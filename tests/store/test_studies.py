@@ -118,7 +118,7 @@ def test_workers_see_open_studies_only(database: Database, make_study: MakeStudy
     first, second = make_study(database, "a"), make_study(database, "b")
     studies.set_state(database, first.id, "paused")
     assert [study.name for study in studies.open_studies(database)] == ["b"]
-    studies.set_definition(database, second.id, '{"trials":20}', {"sigma": 1.0})
+    studies.replace_definition(database, second.id, '{"trials":20}')
     assert studies.get(database, "b").definition == '{"trials":20}'
 
 

@@ -3,11 +3,13 @@
 from pathlib import Path
 
 import pytest
+from sqlalchemy.orm import Session
 
 from gtf_tune.errors import DefinitionError
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
+from gtf_tune.store.database.session import write
 from gtf_tune.study.open_study import open_study
 from gtf_tune.study.scoring import rules
 from gtf_tune.study.scoring.rescore import rescore
@@ -42,9 +44,11 @@ def test_a_version_with_other_rules_neither_works_on_a_study_nor_confirms_or_res
 
 @pytest.mark.usefixtures("later")
 def test_a_study_without_a_version_has_the_first_rules(database: Database) -> None:
-    study = studies.get(database, "small")
-    resolved = {name: value for name, value in study.resolved.items() if name != "scoring_version"}
-    studies.set_definition(database, study.id, study.definition, resolved)
+    def forget(session: Session) -> None:
+        row = studies.locked(session, 1)
+        row.resolved = {name: value for name, value in row.resolved.items() if name != "scoring_version"}
+
+    write(database, forget)
 
     with pytest.raises(DefinitionError, match=REASON):
         open_study(database, "small")

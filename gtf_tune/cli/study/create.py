@@ -12,7 +12,7 @@ from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, parse_ca
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
 from gtf_tune.cli.terminal.console import say
 from gtf_tune.cli.true_errors import Side
-from gtf_tune.cli.values import parse_nominal, parse_pairs, parse_value, refuse_repeated, split_pairs
+from gtf_tune.cli.values import parse_options, parse_pairs, parse_value, refuse_repeated, split_pairs
 from gtf_tune.errors import DefinitionError
 
 Source = Annotated[str, typer.Argument(metavar="NAME|FILE.toml", help="Name of the study, or a study definition.")]
@@ -81,7 +81,7 @@ def create(
         data["name"] = name
     _put(data, "pipeline", name=pipeline)
     _add_to_pipeline(data, "options", parse_pairs(option, "--option"))
-    _add_to_pipeline(data, "nominal", parse_nominal(nominal))
+    _add_to_pipeline(data, "nominal", parse_options(nominal, "--nominal"))
     _add_to_pipeline(data, "settings", parse_pairs(setting, "--setting"))
     _add_sequences(data, sequence)
     chosen = parse_pairs(frames, "--frames")

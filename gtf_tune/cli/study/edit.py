@@ -55,6 +55,37 @@ def extend(
     say(f"Next: gtf-tune study run {new_name or name}{storage_flag(database)}")
 
 
+def enqueue(
+    name: StudyName,
+    option: Annotated[
+        list[str],
+        typer.Option(
+            "--option",
+            "-o",
+            metavar="OPTION=VALUE|FILE.json",
+            help="An option of the trial; the others have their nominal values.",
+        ),
+    ],
+    storage: Storage = DEFAULT_STORAGE,
+) -> None:
+    """Let a study try options that you name, a colleague's perhaps; its number of trials rises by one.
+
+    Workers try them before they go on with their search, which stays what it would have been.
+
+    Example: gtf-tune study enqueue photos -o mapper.max_normalized_reproj_error=2e-3
+    """
+    from gtf_tune.cli.values import parse_options
+    from gtf_tune.store import studies
+    from gtf_tune.study.enqueue import enqueue as enqueue_options
+
+    hush_optuna()
+    database = open_storage(storage)
+    number = enqueue_options(database, name, parse_options(option, "--option"))
+    say(f"trial {number} of study '{name}' will have these options")
+    state = studies.get(database, name).state
+    say(f"Next: gtf-tune study {'run' if state == 'open' else 'resume'} {name}{storage_flag(database)}")
+
+
 def _say_nothing_is_left(study: "Study", has_wider_range: bool, flag: str) -> None:
     """Say on stderr why an extended study has no trial to do, and how to give it some."""
     from gtf_tune.store.studies import stored_definition

@@ -28,11 +28,13 @@ class RefineSampler(BaseSampler):
 
     Stopped trials count with what they showed against the best trial on the noise that both have seen, infeasible ones
     as twice the worst score, trials of other workers as what the curve says without them. A step that falls on
-    ``nominal``, which trial 0 measures, is left out.
+    ``nominal``, which trial 0 measures, is left out. ``position`` is that of the trial in the search, its number unless
+    given.
     """
 
-    def __init__(self, nominal: float) -> None:
+    def __init__(self, nominal: float, position: int | None = None) -> None:
         self._nominal = nominal
+        self._position = position
 
     def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
         """Return nothing: the only option is sampled by itself."""
@@ -52,9 +54,9 @@ class RefineSampler(BaseSampler):
         """Return the value for a trial; trial 0 is nominal and not asked for."""
         axis = Axis.of(param_distribution)
         steps = [value for value in axis.coarse() if not math.isclose(value, self._nominal, rel_tol=_SAME)]
-        number = max(trial.number, 1)
-        if number <= len(steps):
-            return steps[number - 1]
+        position = max(trial.number if self._position is None else self._position, 1)
+        if position <= len(steps):
+            return steps[position - 1]
         others = [one for one in study.get_trials(deepcopy=False) if one.number != trial.number]
         return axis.value(_choose([one for one in others if param_name in one.params], param_name, axis))
 

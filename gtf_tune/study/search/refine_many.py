@@ -27,13 +27,17 @@ class RefineManySampler(BaseSampler):
     Every other trial is left to TPE: alone the surface gets stuck where scores do not vary smoothly.
     Stopped and infeasible trials and those of other workers count as in `RefineSampler`. Scores
     far above the best one are drawn together, so that hopeless corners do not rule how the surface looks near the best.
-    ``start_seed`` places the even points, ``seed`` is that of the trial.
+    ``start_seed`` places the even points, ``seed`` is that of the trial, and ``position`` its place in the search, its
+    number unless given.
     """
 
-    def __init__(self, distributions: Mapping[str, BaseDistribution], start_seed: int, seed: int) -> None:
+    def __init__(
+        self, distributions: Mapping[str, BaseDistribution], start_seed: int, seed: int, position: int | None = None
+    ) -> None:
         self._distributions = dict(distributions)
         self._start_seed = start_seed
         self._seed = seed
+        self._position = position
         self._otherwise = TPESampler(seed=seed)
 
     def infer_relative_search_space(self, study: Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
@@ -49,8 +53,9 @@ class RefineManySampler(BaseSampler):
         if self._is_left_to_tpe(trial):
             return self._otherwise.sample_relative(study, trial, dict(search_space))
         space = Space(tuple(search_space), tuple(_place_of(one) for one in search_space.values()))
-        if trial.number <= coarse_points(len(search_space)):
-            return space.values(_even_point(trial.number, len(search_space), self._start_seed))
+        position = self._position_of(trial)
+        if position <= coarse_points(len(search_space)):
+            return space.values(_even_point(position, len(search_space), self._start_seed))
         others = [one for one in study.get_trials(deepcopy=False) if one.number != trial.number]
         return space.values(self._choose([one for one in others if set(space.names) <= set(one.params)], space))
 
@@ -61,7 +66,11 @@ class RefineManySampler(BaseSampler):
         return self._otherwise.sample_independent(study, trial, param_name, param_distribution)
 
     def _is_left_to_tpe(self, trial: FrozenTrial) -> bool:
-        return trial.number > coarse_points(len(self._distributions)) and trial.number % 2 == 1
+        position = self._position_of(trial)
+        return position > coarse_points(len(self._distributions)) and position % 2 == 1
+
+    def _position_of(self, trial: FrozenTrial) -> int:
+        return trial.number if self._position is None else self._position
 
     def _choose(self, others: list[FrozenTrial], space: "Space") -> FloatArray:
         scores = log_scores(others)

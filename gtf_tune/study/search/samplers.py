@@ -29,12 +29,12 @@ _FEWEST_STARTUP = 10
 _STARTUP_PER_OPTION = 4
 
 
-def make_sampler(search: SearchDefinition, number: int, space: SearchSpace) -> BaseSampler:
-    """Return the sampler that chooses the options of trial ``number``.
+def make_sampler(search: SearchDefinition, position: int, space: SearchSpace) -> BaseSampler:
+    """Return the sampler that chooses the options of one trial, at ``position`` of the search: nominal has 0.
 
-    Its seed follows from the study's seed and the number alone, so a resumed study goes on as if it had never stopped.
-    The quasi-random points are one sequence, numbered by the trials after nominal. A grid is enqueued, and only trials
-    beyond it fall back to random search.
+    Its seed follows from the study's seed and the position alone: a resumed study goes on as if it had never stopped.
+    The quasi-random points are one sequence, numbered by the trials after nominal. The points of a grid are not drawn,
+    and only trials beyond it fall back to random search.
 
     Raises
     ------
@@ -42,15 +42,15 @@ def make_sampler(search: SearchDefinition, number: int, space: SearchSpace) -> B
         The sampler is one that gtf-tune had formerly, cannot be imported, or refuses its arguments.
     """
     seeds = SeedSource(search.seed)
-    seed = seeds.sampler_seed(number)
+    seed = seeds.sampler_seed(position)
     if search.is_foreign:
         return _foreign_sampler(search, seed)
     makers: dict[str, Callable[[], BaseSampler]] = {
         "tpe": lambda: TPESampler(
             seed=seed, n_startup_trials=startup_trials(len(space.axes), search.trials or DEFAULT_TRIALS)
         ),
-        "refine": lambda: _refine(space, seeds.sampler_seed(0), seed),
-        "qmc": lambda: NumberedPointsSampler(space.distributions, max(number - 1, 0)),
+        "refine": lambda: _refine(space, position, seeds.sampler_seed(0), seed),
+        "qmc": lambda: NumberedPointsSampler(space.distributions, max(position - 1, 0)),
         "random": lambda: RandomSampler(seed=seed),
         "grid": lambda: RandomSampler(seed=seed),
     }
@@ -93,10 +93,10 @@ def startup_trials(options: int, trials: int) -> int:
     return max(_FEWEST_STARTUP, min(_STARTUP_PER_OPTION * options, trials // 3))
 
 
-def _refine(space: SearchSpace, start_seed: int, seed: int) -> BaseSampler:
+def _refine(space: SearchSpace, position: int, start_seed: int, seed: int) -> BaseSampler:
     if len(space.axes) == 1 and not isinstance(space.axes[0].distribution, CategoricalDistribution):
-        return RefineSampler(float(space.axes[0].nominal))
-    return RefineManySampler(space.distributions, start_seed, seed)
+        return RefineSampler(float(space.axes[0].nominal), position)
+    return RefineManySampler(space.distributions, start_seed, seed, position)
 
 
 def make_pruner(search: SearchDefinition) -> BasePruner:

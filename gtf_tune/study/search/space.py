@@ -13,7 +13,7 @@ from optuna.distributions import BaseDistribution, CategoricalDistribution, Floa
 
 from gtf_tune.definition import Axis, RangeAxis, StudyDefinition, ValuesAxis
 from gtf_tune.errors import DefinitionError, GtfTuneError
-from gtf_tune.pipelines import OptionSpec, OptionTable, OptionValue
+from gtf_tune.pipelines import OptionSpec, OptionTable, OptionValue, option_text
 
 _ROUNDING = 1e-9
 
@@ -31,6 +31,23 @@ class SearchAxis:
     def is_log(self) -> bool:
         """Tell whether the axis is searched and drawn in logarithms."""
         return bool(getattr(self.distribution, "log", False))
+
+    @property
+    def words(self) -> str:
+        """Return which values are searched, in words."""
+        if isinstance(self.distribution, CategoricalDistribution):
+            return ", ".join(option_text(value) for value in self.distribution.choices)
+        if isinstance(self.distribution, FloatDistribution | IntDistribution):
+            return f"[{self.distribution.low:g}, {self.distribution.high:g}]"
+        raise TypeError(f"expected one of Optuna's distributions, not {self.distribution}")
+
+    def takes(self, value: OptionValue) -> bool:
+        """Return True if a trial can have this value."""
+        if isinstance(self.distribution, CategoricalDistribution):
+            return any(value == choice and isinstance(value, type(choice)) for choice in self.distribution.choices)
+        if isinstance(self.distribution, FloatDistribution | IntDistribution) and not isinstance(value, str):
+            return self.distribution.low <= value <= self.distribution.high
+        return False
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,19 @@ def create_for_number(study: optuna.Study, number: int, fixed: Mapping[str, Any]
     return storage_of(study).create_new_trial(study_id_of(study), template_trial=template)
 
 
+def fixed_options(study: optuna.Study, trial_id: int) -> dict[str, Any]:
+    """Return the values that an enqueued trial must take."""
+    return dict(frozen(study, trial_id).system_attrs.get(_FIXED, {}))
+
+
+def refuse(study: optuna.Study, trial_id: int, reason: str) -> None:
+    """Let an enqueued trial fail, with the reason in its user attribute ``refused``."""
+    storage = storage_of(study)
+    with suppress(UpdateFinishedTrialError):
+        storage.set_trial_user_attr(trial_id, "refused", reason)
+        storage.set_trial_state_values(trial_id, TrialState.FAIL)
+
+
 def start(study: optuna.Study, trial_id: int) -> Trial:
     """Return the running trial of an id; a trial that another owner has begun is continued with the same options.
 

@@ -12,6 +12,7 @@ from optuna.trial import Trial
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import runs, trial_queue
+from gtf_tune.store.enqueued import enqueued_numbers
 from gtf_tune.store.optuna.retrying_storage import gathered
 from gtf_tune.store.optuna.tables import with_optuna
 from gtf_tune.store.runs import TrialRun
@@ -106,10 +107,13 @@ class TrialRunner:
     def _ask(self, lease: TrialLease) -> tuple[Trial, dict[str, OptionValue]]:
         study = self.study.optuna_study
         with self.ask_lock:
-            study.sampler = make_sampler(self.study.definition.search, lease.number, self.study.space)
+            position = self._position(lease.number)
+            study.sampler = make_sampler(self.study.definition.search, position, self.study.space)
             trial_id = lease.optuna_trial_id
             if trial_id is None or optuna_trials.is_finished(study, trial_id):
                 trial_id = with_optuna(self.study.database, lambda: self._create(lease))
+            else:
+                study.get_trials(deepcopy=False)  # or Optuna's cache would not know a trial that was created elsewhere
             trial = optuna_trials.start(study, trial_id)
             # All of its options at once: of some alone, whoever takes the trial over would draw others for the rest.
             with gathered(trial.storage):
@@ -125,7 +129,7 @@ class TrialRunner:
         """Let a sampler that gtf-tune does not know take note of the end of a trial, before Optuna is told of it."""
         search = self.study.definition.search
         if search.is_foreign and result.value is not None:
-            sampler = make_sampler(search, number, self.study.space)
+            sampler = make_sampler(search, self._position(number), self.study.space)
             state = optuna_trials.STATES[result.state]
             sampler.after_trial(self.study.optuna_study, optuna_trials.known(trial), state, [result.value])
 
@@ -144,7 +148,12 @@ class TrialRunner:
             return space.nominal
         if self.study.definition.search.sampler != "grid":
             return None
-        return next(itertools.islice(space.grid(), number - 1, None), None)
+        return next(itertools.islice(space.grid(), self._position(number) - 1, None), None)
+
+    def _position(self, number: int) -> int:
+        """Return which trial of the search a trial is: those that were enqueued before it take no place in it."""
+        before = [one for one in enqueued_numbers(self.study.database, self.study.record.id) if one < number]
+        return number - len(before)
 
     def _score(self, trial: Trial, scorer: TrialScorer) -> ScoredTrial:
         """Score clean runs, then noisy ones as the sizing asks for them; stop as soon as the trial is infeasible."""

@@ -9,16 +9,18 @@ from dataclasses import dataclass, field
 from gtf_tune.errors import DeletedError
 from gtf_tune.execution import Executor
 from gtf_tune.store import studies, trial_queue, trials
+from gtf_tune.store.enqueued import enqueued_numbers
 from gtf_tune.store.trial_queue import TrialLease
 from gtf_tune.store.workers import Worker, this_worker
 from gtf_tune.study.events import Callback, Event
-from gtf_tune.study.open_study import OpenStudy
+from gtf_tune.study.open_study import OpenStudy, trial_budget
 from gtf_tune.study.runs.run_source import Interrupted
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.scoring.early_stopping import sizing_of
 from gtf_tune.study.search.samplers import make_sampler
 from gtf_tune.study.work import optuna_trials
 from gtf_tune.study.work.heartbeat import GRACE_S, INTERVAL_S, Heartbeat
+from gtf_tune.study.work.optuna_queue import adopt_waiting
 from gtf_tune.study.work.trial_runner import TrialRunner
 
 _FIRST_POLL_S = 0.5
@@ -147,10 +149,11 @@ class StudyWorker:
     def _next_lease(self) -> TrialLease | None:
         """Return a trial to work on, or ``None`` where none is free now."""
         database, study_id = self.study.database, self.study.record.id
+        adopt_waiting(self.study)
         adopted = trial_queue.adopt_stale(database, study_id, self.worker, self.grace_s)
         if adopted is not None:
             return adopted
-        return trial_queue.lease_trial(database, study_id, self.study.budget, self.worker)
+        return trial_queue.lease_trial(database, study_id, self._searched, self.worker)
 
     def _tell_untold(self) -> None:
         """Give Optuna the results of trials whose worker died after storing them, before telling Optuna."""
@@ -161,9 +164,15 @@ class StudyWorker:
     def _others_at_work(self) -> bool:
         return trials.counts(self.study.database, self.study.record.id).get("claimed", 0) > 0
 
+    @property
+    def _searched(self) -> int:
+        return trial_budget(self.study.definition, self.study.space)
+
     def _is_complete(self) -> bool:
-        counts = trials.counts(self.study.database, self.study.record.id)
-        return sum(counts.values()) >= self.study.budget and not counts.get("claimed", 0)
+        database, study_id = self.study.database, self.study.record.id
+        counts = trials.counts(database, study_id)
+        budget = self._searched + len(enqueued_numbers(database, study_id))
+        return sum(counts.values()) >= budget and not counts.get("claimed", 0)
 
     def _close_if_complete(self) -> bool:
         return self._is_complete() and studies.close(self.study.database, self.study.record)
