@@ -18,9 +18,9 @@ from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.edit import Extension, extend_study
 from gtf_tune.study.enqueue import enqueue
+from gtf_tune.study.events import Event, TrialFinished
 from gtf_tune.study.open_study import open_study, trials_left
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
-from gtf_tune.study.work.callbacks import Silent, TrialEnd
 from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of
 
@@ -44,19 +44,17 @@ def _optuna(database: Database) -> optuna.Study:
     return optuna.load_study(study_name="small", storage=optuna_storage(database))
 
 
-class _StopAfter(Silent):
-    def __init__(self, count: int) -> None:
-        self.stop, self.left = StopRequest(), count
-
-    def trial_finished(self, end: TrialEnd) -> None:
-        self.left -= 1
-        if not self.left:
-            self.stop.ask(FINISH_RUNS)
-
-
 def _run_some(run_study: Runner, data: dict[str, Any], count: int) -> None:
-    listener = _StopAfter(count)
-    run_study(data, stop=listener.stop, listener=listener)
+    """Work on a study until so many more of its trials have ended."""
+    stop, ended = StopRequest(), []
+
+    def note(event: Event) -> None:
+        if isinstance(event, TrialFinished):
+            ended.append(event)
+            if len(ended) == count:
+                stop.ask(FINISH_RUNS)
+
+    run_study(data, stop=stop, callbacks=[note])
 
 
 def test_an_enqueued_trial_comes_next_and_the_budget_rises_by_one(
@@ -170,13 +168,12 @@ def test_trials_are_the_total_when_a_study_is_extended(room: Path, database: Dat
 
 
 def test_a_worker_that_is_at_it_takes_the_trial_up(room: Path, database: Database, run_study: Runner) -> None:
-    class Colleague(Silent):
-        def trial_finished(self, end: TrialEnd) -> None:
-            if end.number == 1:
-                enqueue(database, "small", THEIRS)
-                _optuna(database).enqueue_trial({"filter.max_error": 0.005})
+    def colleague(event: Event) -> None:
+        if isinstance(event, TrialFinished) and event.number == 1:
+            enqueue(database, "small", THEIRS)
+            _optuna(database).enqueue_trial({"filter.max_error": 0.005})
 
-    run_study(definition_of(room, search={"trials": 4}), listener=Colleague())
+    run_study(definition_of(room, search={"trials": 4}), callbacks=[colleague])
 
     found = _options(database)
     assert {str(THEIRS), str({"filter.max_error": 0.005})} == {str(one) for one in found[2:4]}
