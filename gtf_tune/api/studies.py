@@ -17,7 +17,7 @@ from gtf_tune.definition.model import name_from
 from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import OptionValue, Pipeline, create_pipeline
 from gtf_tune.pipelines.function import SlamFunction, from_function
-from gtf_tune.pipelines.function.imported import create_imported, is_importable, resolved
+from gtf_tune.pipelines.function.imported import create_imported, is_importable, needs_nominal, resolved
 from gtf_tune.pipelines.function.pipeline import checked_nominal, name_of
 from gtf_tune.pipelines.preset_spaces import preset_space
 from gtf_tune.sequence import FEWEST_FRAMES, load_sequence
@@ -83,7 +83,8 @@ def create_study(
     trials
         Total number of trials, nominal included; by default the size of a grid, else 50.
     nominal
-        For a function: name and default of all its options, which is required.
+        What nominal means: trial 0, and what every improvement is measured against. For a function it is required and
+        names all its options with their defaults; for a program the options that differ from its defaults.
     version
         For a function: what to put in the keys of runs instead of the digest of its source.
     options
@@ -275,8 +276,10 @@ def _plan(
     axes = {option: _axis(option, axis) for option, axis in searched.items()}
     data = {"name": name, "sequences": _sequences(sequence), "space": axes}
     if isinstance(pipeline, str):
-        given = {"nominal": dict(nominal)} if nominal and ":" in pipeline else {}
-        return _Plan({**data, "pipeline": {"name": pipeline, "settings": given}}, None)
+        own = {"nominal": dict(nominal or {})}
+        is_function = ":" in pipeline and needs_nominal(pipeline)
+        section = {"name": pipeline, "settings": own} if is_function else {"name": pipeline, "settings": {}, **own}
+        return _Plan({**data, "pipeline": section}, None)
     defaults = checked_nominal(name_of(pipeline), _floated(nominal or getattr(pipeline, "nominal", None), axes))
     made = _function_pipeline(pipeline, defaults, version)
     settings = {"nominal": defaults, **({"version": version} if version else {})}

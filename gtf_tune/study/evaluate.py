@@ -43,6 +43,16 @@ class Evaluation:
     side_metric: float
     side_definition: SideMetricDefinition = field(default_factory=SideMetricDefinition)
 
+    @property
+    def value(self) -> float:
+        """The score; NaN where there is none."""
+        return self.score.score.value if self.score.score else math.nan
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % confidence interval of the score; NaN where there is none."""
+        return self.score.score.confidence_interval if self.score.score else (math.nan, math.nan)
+
     def as_dict(self) -> dict[str, Any]:
         """Return the numbers by name."""
         score = self.score.score

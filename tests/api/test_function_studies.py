@@ -31,7 +31,7 @@ def test_a_function_of_a_module_is_tuned_under_its_name(folder: Path, here: list
 
     study.run()
 
-    assert study.definition.pipeline.name.endswith("test_studies:shaken")
+    assert study.definition.pipeline.name.endswith("test_function_studies:shaken")
     assert study.definition.pipeline.settings["nominal"] == {"max_error": 0.01, "rounds": 3}
     assert [trial.state for trial in study.trials] == ["complete"] * 3
     assert len(gtf.open_study("mine").run(4).trials) == 4
@@ -42,6 +42,19 @@ def test_a_function_may_bring_its_defaults(folder: Path, here: list[InlineExecut
 
     assert len(study.run(2).trials) == 2
     assert study.trials[0].options == {"rounds": 3}
+
+
+def test_a_function_is_also_tuned_by_its_name(folder: Path, here: list[InlineExecutor]) -> None:
+    study = gtf.create_study(
+        "mine",
+        sequence="photos",
+        pipeline="tests.pipelines.slam_functions:circle",
+        space={"max_error": (1e-4, 1.0, "log")},
+        nominal={"max_error": 0.01},
+        gtf=GTF,
+    )
+
+    assert study.run(2).trials[0].options == {"max_error": 0.01}
 
 
 def test_defaults_that_are_whole_may_have_ranges_that_are_not(folder: Path) -> None:

@@ -133,6 +133,12 @@ def test_lists_tables_and_several_sequences_are_taken_as_in_a_definition(folder:
     assert definition.limits.run_timeout_s == 60
 
 
+def test_the_users_own_values_are_what_nominal_means(folder: Path, here: list[InlineExecutor]) -> None:
+    study = analytic(nominal={"filter.max_error": 0.02})
+
+    assert study.run(1).trials[0].options == {"filter.max_error": 0.02}
+
+
 @pytest.mark.parametrize("axis", [(1,), (1e-4, 1e-1, "lin"), ("a", "b"), "huber", 0.5])
 def test_what_is_no_axis_is_refused(folder: Path, axis: Any) -> None:
     with pytest.raises(gtf.GtfTuneError, match=r"axis of option 'filter.max_error' must be \(low, high\)"):
@@ -272,4 +278,4 @@ def test_evaluate_scores_one_configuration(folder: Path, here: list[InlineExecut
         for options in ({"filter.max_error": 0.002}, {})
     )
 
-    assert best.score.score.value < nominal.score.score.value
+    assert best.interval[0] < best.value < nominal.value

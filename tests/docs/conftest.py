@@ -5,6 +5,7 @@ import importlib
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -14,11 +15,13 @@ import cv2
 import numpy as np
 import pytest
 
+import gtf_tune.api.executor
 import gtf_tune.execution
 import gtf_tune.sequence
 from gtf_tune.cli.main import main
 from gtf_tune.execution import InlineExecutor
-from gtf_tune.pipelines import registry
+from gtf_tune.pipelines import analytic, registry
+from gtf_tune.trajectory import write_tum
 from tests.docs.pages import ROOT
 from tests.study.conftest import write_sequence
 
@@ -47,18 +50,21 @@ def quick_command_line() -> Iterator[Command]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "_BUILT_IN", MappingProxyType(built_in))
         patch.setattr(gtf_tune.execution, "LocalExecutor", _inline)
+        patch.setattr(gtf_tune.api.executor, "LocalExecutor", _inline)
         patch.setattr(gtf_tune.sequence, "render_room", _tiny_room)
         yield partial(_call, patch)
 
 
 @pytest.fixture(scope="session")
 def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder with photos, a second walk and a video."""
+    """Return a folder with photos, a second walk, a video, and trajectories of clean and of noisy images."""
     folder = tmp_path_factory.mktemp("material")
     for name, frames in {"photos": 12, "second-walk": 11}.items():
         shutil.move(write_sequence(folder / "full", ground_truth=False, frames=frames) / "rgb", folder / name)
         shutil.rmtree(folder / "full")
     _write_video(folder / "walk.mp4")
+    for kind, count, spread in (("clean", 2, 1e-4), ("noisy", 6, 1e-3)):
+        _write_trajectories(folder / kind, count, spread)
     return folder
 
 
@@ -91,6 +97,14 @@ def _inline(jobs: int, stages: Any = None, **_: Any) -> InlineExecutor:
 def _tiny_room(folder: Path, spec: object = None) -> None:
     del spec
     write_sequence(folder, ground_truth=True)
+
+
+def _write_trajectories(folder: Path, count: int, spread: float) -> None:
+    folder.mkdir()
+    truth = analytic.ground_truth(range(20))
+    for index in range(count):
+        shaken = np.random.default_rng([count, index]).normal(scale=spread, size=(20, 3))
+        write_tum(replace(truth, positions=truth.positions + shaken), folder / f"run{index}.txt")
 
 
 def _write_video(path: Path) -> None:

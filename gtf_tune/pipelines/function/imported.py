@@ -110,6 +110,20 @@ def resolved(target: str) -> object:
     return found
 
 
+def needs_nominal(target: str) -> bool:
+    """Whether ``module:attribute`` names a plain function that does not bring the defaults of its options.
+
+    Raises
+    ------
+    DefinitionError
+        The module or the attribute is missing.
+    """
+    if not is_importable(target):
+        return True
+    found, _ = _load(target, os.getcwd())
+    return _is_function(found) and not hasattr(found, "nominal")
+
+
 def _made(target: str, settings: Mapping[str, object], folder: str) -> Pipeline:
     found, source = _load(target, folder)
     if _is_pipeline(found):
@@ -117,7 +131,7 @@ def _made(target: str, settings: Mapping[str, object], folder: str) -> Pipeline:
         return cast(Pipeline, found)
     if not callable(found):
         raise DefinitionError(f"'{target}' is neither a pipeline nor a function, but {type(found).__name__}")
-    if "nominal" in settings or hasattr(found, "nominal") or _arguments(found) >= len(("images", "options", "seed")):
+    if "nominal" in settings or _is_function(found):
         _refuse(target, settings, _FUNCTION_SETTINGS)
         return of_module(target, found, settings, source)
     made = found(settings)
@@ -138,6 +152,13 @@ def _load(target: str, folder: str) -> tuple[Any, bytes]:
 
 def _is_pipeline(found: object) -> bool:
     return not inspect.isclass(found) and all(hasattr(found, part) for part in _PARTS)
+
+
+def _is_function(found: object) -> bool:
+    """Whether this is a plain function of images, options and seed, not a pipeline or a factory of one."""
+    if _is_pipeline(found) or not callable(found):
+        return False
+    return hasattr(found, "nominal") or _arguments(found) >= len(("images", "options", "seed"))
 
 
 def _arguments(function: Any) -> int:
