@@ -48,6 +48,7 @@ check: setup ## Lint, type-check, check layers and file sizes, build the documen
 	$(BIN)/mypy
 	PYTHONPATH=. $(BIN)/lint-imports
 	$(BIN)/python tests/checks/file_sizes.py
+	$(BIN)/python tests/checks/import_circles.py
 	$(BIN)/python docs/generate.py --check
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 

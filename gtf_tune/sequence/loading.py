@@ -12,9 +12,9 @@ from gtf_tune.sequence.image_formats import CLASSIC_SUFFIXES, IMAGE_SUFFIXES
 from gtf_tune.sequence.images import image_size
 from gtf_tune.sequence.layouts.base import Layout, Reading, Recording
 from gtf_tune.sequence.layouts.registry import AUTO, find_layout
-from gtf_tune.sequence.layouts.unread import unread_files
 from gtf_tune.sequence.selection import Selection
 from gtf_tune.sequence.shared_camera import SharedCamera, shared_camera
+from gtf_tune.sequence.unread import unread_files
 from gtf_tune.sequence.value import Frame, Sequence
 from gtf_tune.trajectory import Trajectory
 from gtf_tune.trajectory.alignment import MIN_MATCHED

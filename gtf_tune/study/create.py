@@ -18,6 +18,7 @@ from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
+from gtf_tune.store.optuna.trials import study_id_of
 from gtf_tune.store.studies import NewStudy, Study
 from gtf_tune.study.open_study import make_pipeline, runnable
 from gtf_tune.study.scoring.rules import RESOLVED_KEY, SCORING_VERSION
@@ -112,7 +113,7 @@ def _optuna_study(database: Database, definition: StudyDefinition) -> int:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
         study.set_metric_names([METRIC_NAME])
-    return study._study_id
+    return study_id_of(study)
 
 
 def _option_faults(data: Mapping[str, Any]) -> list[str]:

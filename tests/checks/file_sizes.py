@@ -1,19 +1,42 @@
-"""Fail when a source file has grown past 400 lines."""
+"""Fail when a source file has more than 400 lines, or a folder of the package more than 20 modules."""
 
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
-LIMIT = 400
+MOST_LINES = 400
+MOST_MODULES = 20
+PACKAGE = Path("gtf_tune")
 
 
 def main() -> int:
     listed = subprocess.run(["git", "ls-files", "*.py"], capture_output=True, text=True, check=True)
-    sizes = {name: len(Path(name).read_text(encoding="utf-8").splitlines()) for name in listed.stdout.split()}
-    long = {name: size for name, size in sizes.items() if size > LIMIT}
-    for name, size in long.items():
-        sys.stderr.write(f"{name} has {size} lines, more than {LIMIT}; split it by idea\n")
-    return 1 if long or not sizes else 0
+    files = [Path(name) for name in listed.stdout.split() if Path(name).exists()]
+    faults = [*long_files(files), *full_folders(files)]
+    for fault in faults:
+        sys.stderr.write(f"{fault}\n")
+    return 1 if faults or not files else 0
+
+
+def long_files(files: list[Path]) -> list[str]:
+    """Return a sentence for every file that is too long."""
+    sizes = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in files}
+    return [
+        f"{path} has {size} lines, more than {MOST_LINES}; split it by idea"
+        for path, size in sizes.items()
+        if size > MOST_LINES
+    ]
+
+
+def full_folders(files: list[Path]) -> list[str]:
+    """Return a sentence for every folder of the package that has too many modules."""
+    counts = Counter(path.parent for path in files if PACKAGE in path.parents and path.name != "__init__.py")
+    return [
+        f"{folder} has {count} modules, more than {MOST_MODULES}; make a room of what belongs together"
+        for folder, count in counts.items()
+        if count > MOST_MODULES
+    ]
 
 
 if __name__ == "__main__":

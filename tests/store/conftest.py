@@ -151,6 +151,7 @@ class FakePipeline:
 class FakeSequence:
     fingerprint: str = "f" * 64
     camera: None = None
+    focal_prior: None = None
     num_frames: int = 4
 
     def __len__(self) -> int:

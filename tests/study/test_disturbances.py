@@ -18,6 +18,7 @@ from gtf_tune.store import ground_truth_errors, runs, studies, trial_queue, tria
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.maintenance.copy import copy_study
 from gtf_tune.store.maintenance.digest import study_digest
+from gtf_tune.store.optuna import trials as optuna_trials
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.create import checked_definition, create_study
@@ -26,7 +27,6 @@ from gtf_tune.study.events import Event, RunFinished
 from gtf_tune.study.open_study import open_study
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.scoring.rescore import rescore
-from gtf_tune.study.work import optuna_trials
 from gtf_tune.study.work.server import WorkerLoop, WorkerRules
 from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of

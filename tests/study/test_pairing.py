@@ -4,8 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gtf_tune.study.outcome.improvement import Improvement
-from gtf_tune.study.outcome.pairing import paired_improvement, stored_matrices
+from gtf_tune.study.outcome.improvement import Improvement, paired_improvement, stored_matrices
 
 COMMON = np.exp(0.3 * np.random.default_rng(5).standard_normal(6))
 

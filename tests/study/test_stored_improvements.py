@@ -10,8 +10,7 @@ from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.session import write
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.study.outcome.improvement import read_improvements
-from gtf_tune.study.outcome.pairing import paired_improvement, stored_matrices
+from gtf_tune.study.outcome.improvement import paired_improvement, read_improvements, stored_matrices
 from tests.study.conftest import Runner, definition_of, write_sequence
 
 GRID = {
@@ -47,7 +46,7 @@ def test_reading_a_stored_improvement_needs_no_numpy(
 ) -> None:
     run_study(definition_of(room, **GRID))
     study = studies.get(database, "small")
-    monkeypatch.setitem(sys.modules, "gtf_tune.study.outcome.pairing", None)
+    monkeypatch.setitem(sys.modules, "numpy", None)
 
     assert set(read_improvements(database, study.id, trials.of_study(database, study.id))) == {1, 2}
 

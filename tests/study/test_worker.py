@@ -11,12 +11,12 @@ from gtf_tune.execution import InlineExecutor
 from gtf_tune.store import ground_truth_errors, runs, studies, trials
 from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.maintenance.digest import study_digest
+from gtf_tune.store.optuna import trials as optuna_trials
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.workers import this_worker
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.events import Event, TrialStarted
 from gtf_tune.study.open_study import open_study
-from gtf_tune.study.work import optuna_trials
 from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of, write_sequence
 from tests.study.stopping import StopAfter

@@ -108,8 +108,7 @@ def _write(found: "Rescored", truth: TrueErrors, unit: "ScoreUnit") -> None:
 
 def _improvements(found: "Rescored") -> "dict[int, Improvement]":
     """Return the paired improvement of each trial on nominal under the new score, by number."""
-    from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT
-    from gtf_tune.study.outcome.pairing import paired_improvement, score_matrices
+    from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, paired_improvement, score_matrices
 
     nominal = score_matrices(found.trials[0].score)
     improvements = {

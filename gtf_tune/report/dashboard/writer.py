@@ -23,6 +23,7 @@ from gtf_tune.report.html import figure_id
 from gtf_tune.report.panels.base import Drawing
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import forget_attributes
+from gtf_tune.store.optuna.trials import TrialHandle, storage_of, study_id_of
 
 _NAMESPACE = uuid.UUID("9f0c7a52-3d0b-5c1e-8e43-6a1d6f4f2b77")
 _WRITTEN_FOR = "gtf-tune:written-for"
@@ -42,12 +43,12 @@ class DashboardWriter:
     @property
     def storage(self) -> BaseStorage:
         """Return Optuna's storage."""
-        return self.study._storage
+        return storage_of(self.study)
 
     @property
     def study_id(self) -> int:
         """Return the database id of the Optuna study."""
-        return self.study._study_id
+        return study_id_of(self.study)
 
     def write_headline(self, metric: str, facts: Mapping[str, str]) -> None:
         """Set the name of the metric, and short facts that the list of studies shows."""
@@ -68,7 +69,7 @@ class DashboardWriter:
 
     def write_trial_note(self, trial_id: int, body: str) -> None:
         """Replace the note of a trial."""
-        optuna_dashboard.save_note(_TrialHandle(self.study, self.storage, trial_id), body)
+        optuna_dashboard.save_note(TrialHandle(self.study, self.storage, trial_id), body)
 
     def noted_trials(self) -> set[int]:
         """Return the ids of the trials that have a note."""
@@ -129,15 +130,6 @@ class DashboardWriter:
 
     def _identity(self, owner: str, name: str) -> str:
         return str(uuid.uuid5(_NAMESPACE, f"{self.study.study_name}/{self.study_id}/{owner}/{name}"))
-
-
-@dataclass(frozen=True)
-class _TrialHandle:
-    """What `optuna_dashboard.save_note` needs of an `optuna.Trial`; creating a real one would involve the sampler."""
-
-    study: optuna.Study
-    storage: BaseStorage
-    _trial_id: int
 
 
 def small(figure: Any) -> Any:

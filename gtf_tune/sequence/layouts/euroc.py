@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
+from gtf_tune.sequence.distortion import distorted_pinhole
 from gtf_tune.sequence.layouts.base import (
     GIVE_THE_CAMERA,
     UNKNOWN,
@@ -20,7 +21,6 @@ from gtf_tune.sequence.layouts.base import (
     naming,
     one_camera,
 )
-from gtf_tune.sequence.layouts.distortion import distorted_pinhole
 from gtf_tune.sequence.layouts.fields import Field, read_yaml
 from gtf_tune.sequence.layouts.ground_truth import Notes, poses_by_timestamp
 from gtf_tune.sequence.layouts.listed import find_listed

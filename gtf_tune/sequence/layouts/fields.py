@@ -12,8 +12,7 @@ import yaml
 from numpy.typing import NDArray
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.layouts.numbers import parse_number, shortened
-from gtf_tune.sequence.layouts.tables import read_text
+from gtf_tune.sequence.layouts.tables import parse_number, read_text, shortened
 
 _LARGEST_COUNT = 1_000_000_000
 

@@ -12,8 +12,7 @@ from gtf_tune.sequence.layouts.base import Layout, Reading, Recording, check_uni
 from gtf_tune.sequence.layouts.folder import list_images
 from gtf_tune.sequence.layouts.ground_truth import Notes, poses_by_timestamp
 from gtf_tune.sequence.layouts.listed import find_listed
-from gtf_tune.sequence.layouts.numbers import shortened
-from gtf_tune.sequence.layouts.tables import read_rows
+from gtf_tune.sequence.layouts.tables import read_rows, shortened
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 

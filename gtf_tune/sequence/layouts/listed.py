@@ -4,7 +4,7 @@ from pathlib import Path, PurePosixPath, PureWindowsPath
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.image_formats import IMAGE_SUFFIXES, is_image
-from gtf_tune.sequence.layouts.numbers import shortened
+from gtf_tune.sequence.layouts.tables import shortened
 
 _LONGEST_NAME = 4096
 

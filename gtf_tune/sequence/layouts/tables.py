@@ -1,16 +1,19 @@
-"""Read the plain tables of numbers that data sets are described in."""
+"""Read numbers, and the plain tables of them, as data sets are described in."""
 
 import io
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.layouts.numbers import parse_number, shortened
 
 _NANOSECOND_DIGITS = 30
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_WORDS = frozenset({"nan", "inf", "infinity"})
+_SHOWN = 40
 
 
 def read_text(path: Path) -> str:
@@ -88,3 +91,26 @@ def _to_floats(fields: list[str], path: Path, line: int) -> list[float]:
 
 def _shown(fields: list[str]) -> str:
     return shortened(" ".join(fields))
+
+
+def parse_number(text: str) -> float | None:
+    """Return the number that a text is, NaN and infinity included, or ``None`` where it is none.
+
+    Unlike `float` it takes no underscores, no foreign digits and no words but these. What is too large for a float is
+    infinite.
+    """
+    plain = text.strip()
+    if _NUMBER.fullmatch(plain) or plain.lstrip("+-").lower() in _WORDS:
+        return float(plain)
+    return None
+
+
+def parse_finite(text: str) -> float | None:
+    """Return the finite number that a text is, or ``None``."""
+    number = parse_number(text)
+    return number if number is not None and math.isfinite(number) else None
+
+
+def shortened(text: str) -> str:
+    """Return a text for a message, cut where it is long."""
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."

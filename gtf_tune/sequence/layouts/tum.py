@@ -18,8 +18,7 @@ from gtf_tune.sequence.layouts.base import (
 )
 from gtf_tune.sequence.layouts.ground_truth import poses_by_timestamp
 from gtf_tune.sequence.layouts.listed import find_listed
-from gtf_tune.sequence.layouts.numbers import shortened
-from gtf_tune.sequence.layouts.tables import read_numbers, read_rows, to_numbers
+from gtf_tune.sequence.layouts.tables import read_numbers, read_rows, shortened, to_numbers
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
+from gtf_tune.sequence.distortion import distorted_pinhole
 from gtf_tune.sequence.layouts.base import (
     GIVE_THE_CAMERA,
     UNKNOWN,
@@ -18,7 +19,6 @@ from gtf_tune.sequence.layouts.base import (
     naming,
     one_camera,
 )
-from gtf_tune.sequence.layouts.distortion import distorted_pinhole
 from gtf_tune.sequence.layouts.fields import Field, read_yaml
 from gtf_tune.sequence.layouts.ground_truth import poses_by_timestamp
 from gtf_tune.sequence.layouts.listed import find_listed

@@ -12,13 +12,13 @@ from gtf_tune.store.database.rows import chunks
 from gtf_tune.store.database.schema import current_revision
 from gtf_tune.store.database.session import read_rows
 from gtf_tune.store.maintenance.check_contents import check_tables, unreadable
-from gtf_tune.store.optuna.tables import optuna_storage
+from gtf_tune.store.optuna.tables import optuna_storage, study_ids, trials_by_id
 from gtf_tune.store.trajectories import trajectories
 
 
 @dataclass(frozen=True)
 class CheckReport:
-    """Hold what a check found.
+    """What a check found.
 
     ``problems`` need someone; ``notes`` are harmless leftovers, such as runs that no trial uses.
     """
@@ -33,7 +33,7 @@ class CheckReport:
 
     @property
     def ok(self) -> bool:
-        """Tell whether nothing needs mending."""
+        """Whether nothing is wrong."""
         return not self.problems
 
 
@@ -86,13 +86,13 @@ def _missing_outputs(database: Database) -> Iterator[str]:
 
 def _studies_without_optuna(database: Database) -> Iterator[str]:
     storage = optuna_storage(database)
-    known = {study._study_id for study in storage.get_all_studies()}
+    known = study_ids(storage)
     query = select(models.Study.id, models.Study.name, models.Study.optuna_study_id)
     for study_id, name, optuna_id in read_rows(database, query):
         if optuna_id not in known:
             yield f"study '{name}' has lost its Optuna study; restore a backup, or delete the study"
             continue
-        told = {trial._trial_id: trial for trial in storage.get_all_trials(optuna_id, deepcopy=False)}
+        told = trials_by_id(storage, optuna_id)
         ours = models.Trial
         scored = select(ours.number, ours.optuna_trial_id, ours.value).where(ours.study_id == study_id)
         ended = ours.state.in_(("complete", "pruned"))
@@ -105,7 +105,7 @@ def _studies_without_optuna(database: Database) -> Iterator[str]:
 
 
 def _missing_trials(database: Database) -> Iterator[str]:
-    """Yield gaps among the slots of a study, and scores without the runs that they come from."""
+    """Yield gaps among the trials of a study, and scores without the runs that they come from."""
     trial = models.Trial
     spans = (
         select(models.Study.name, func.count(trial.id), func.max(trial.number)).join(trial).group_by(models.Study.id)

@@ -10,6 +10,7 @@ from gtf_tune.errors import StorageError
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.columns import Json
 from gtf_tune.store.database.session import read
+from gtf_tune.store.optuna.tables import optuna_tables
 
 _ROWS_AT_ONCE = 500
 
@@ -22,10 +23,8 @@ def check_tables(database: Database) -> None:
     StorageError
         One is missing, so that nothing else can be checked.
     """
-    from optuna.storages._rdb.models import BaseModel
-
     found = read(database, _columns)
-    wanted = [*models.Base.metadata.sorted_tables, *BaseModel.metadata.sorted_tables]
+    wanted = [*models.Base.metadata.sorted_tables, *optuna_tables()]
     lost = [table.name for table in wanted if table.name not in found]
     lost += [
         f"{table.name}.{column.name}"

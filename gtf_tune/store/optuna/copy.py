@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import digest
 from gtf_tune.store.database import Database
-from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
+from gtf_tune.store.optuna.tables import optuna_storage, trials_by_id, with_optuna
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
@@ -41,8 +41,8 @@ def copy_optuna_study(source: Database, target: Database, source_id: int, target
     """Copy trials and attributes of an Optuna study, and return the new id of each trial by its old one."""
     old, new = optuna_storage(source), optuna_storage(target)
     ids = {
-        trial._trial_id: new.create_new_trial(target_id, template_trial=trial)
-        for trial in old.get_all_trials(source_id, deepcopy=False)
+        trial_id: new.create_new_trial(target_id, template_trial=trial)
+        for trial_id, trial in trials_by_id(old, source_id).items()
     }
     for key, value in old.get_study_user_attrs(source_id).items():
         new.set_study_user_attr(target_id, key, value)
@@ -61,12 +61,12 @@ def _renamed(key: str, ids: Mapping[int, int]) -> str:
 def optuna_digest(database: Database, optuna_study_id: int) -> str:
     """Return the hex SHA-256 of the trials and attributes of an Optuna study; ids do not count."""
     storage = optuna_storage(database)
-    trials = storage.get_all_trials(optuna_study_id, deepcopy=False)
-    numbers = {trial._trial_id: trial.number for trial in trials}
+    trials = trials_by_id(storage, optuna_study_id)
+    numbers = {trial_id: trial.number for trial_id, trial in trials.items()}
     notes = storage.get_study_system_attrs(optuna_study_id).items()
     return digest(
         {
-            "trials": [_content(trial) for trial in trials],
+            "trials": [_content(trial) for trial in trials.values()],
             "user": storage.get_study_user_attrs(optuna_study_id),
             "system": {_renamed(key, numbers): value for key, value in notes},
         }

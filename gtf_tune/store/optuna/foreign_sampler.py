@@ -13,6 +13,7 @@ from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial, TrialState
 
 from gtf_tune.errors import DefinitionError, GtfTuneError
+from gtf_tune.store.optuna.trials import storage_of
 
 
 class ForeignSampler(BaseSampler):
@@ -75,7 +76,7 @@ class ForeignSampler(BaseSampler):
 
     def _show(self, study: optuna.Study) -> optuna.Study:
         if self._shown is None or self._shown[0] is not study:
-            storage: Any = _ShownStorage(study._storage)
+            storage: Any = _ShownStorage(storage_of(study))
             self._shown = study, _ShownStudy(study.study_name, storage, self, study.pruner)
         return self._shown[1]
 

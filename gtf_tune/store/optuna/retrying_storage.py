@@ -1,4 +1,4 @@
-"""Make Optuna's storage wait out the faults of a database that pass, as our own sessions do."""
+"""Optuna's storage, trying again after faults of the database that pass, as our own sessions do."""
 
 import functools
 import json
@@ -16,9 +16,6 @@ from optuna.trial import FrozenTrial, TrialState
 from sqlalchemy import Select, select
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
-
-from gtf_tune.store.database import Database
-from gtf_tune.store.optuna.tables import with_optuna
 
 NUMBER_KEY = "gtf_tune:slot"
 """System attribute with the number of the trial in the study's budget."""
@@ -50,6 +47,8 @@ _REPEATABLE = (
     "get_current_version",
 )
 
+Retry = Callable[[Callable[[], Any]], Any]
+"""Return what a call returns, calling it again after faults that pass."""
 
 _Row = tuple[Any, dict[str, Any]]
 """A model of Optuna and the columns of one of its rows."""
@@ -68,13 +67,13 @@ _UPSERTS: Mapping[str, Any] = MappingProxyType({"sqlite": sqlite.insert, "postgr
 
 
 class _Gathered(threading.local):
-    """Hold the rows that a thread has set but not yet written; ``None`` where it writes at once."""
+    """Rows that a thread has set but not yet written; ``None`` where it writes at once."""
 
     rows: list[_Row] | None = None
 
 
-class PatientStorage(RDBStorage):
-    """Repeat calls that failed for a lock, a dropped connection or a restarting server, for at most two minutes.
+class RetryingStorage(RDBStorage):
+    """Repeat calls that failed because of a lock, a dropped connection or a restarting server, by ``retry``.
 
     A number has one unfinished trial at any time: creating it again returns the one that is there. Optuna itself
     creates a second one when the answer to its commit is lost, and so does a worker that was cut off while another took
@@ -83,12 +82,12 @@ class PatientStorage(RDBStorage):
     Raises `StorageError` where the fault does not pass.
     """
 
-    def __init__(self, database: Database, url: str, **arguments: Any) -> None:
+    def __init__(self, retry: Retry, url: str, **arguments: Any) -> None:
         super().__init__(url, **arguments)
         self._gathered = _Gathered()
-        self._gather = _patient(database, self._write_gathered)
+        self._gather = _retried(retry, self._write_gathered)
         for name in _REPEATABLE:
-            setattr(self, name, _patient(database, getattr(self, name)))
+            setattr(self, name, _retried(retry, getattr(self, name)))
 
     @contextmanager
     def gathered(self) -> Iterator[None]:
@@ -174,12 +173,12 @@ class PatientStorage(RDBStorage):
 
 @contextmanager
 def gathered(storage: BaseStorage) -> Iterator[None]:
-    """Write what this thread sets of trials meanwhile in one transaction (see `PatientStorage.gathered`).
+    """Write what this thread sets of trials meanwhile in one transaction (see `RetryingStorage.gathered`).
 
     ``storage`` is that of an Optuna study, whose cache of finished trials passes such calls on to ours.
     """
     ours = getattr(storage, "_backend", storage)
-    if not isinstance(ours, PatientStorage):
+    if not isinstance(ours, RetryingStorage):
         yield
         return
     with ours.gathered():
@@ -197,9 +196,9 @@ def _of_number(study_id: int, number: int) -> Select[models.TrialModel]:
     )
 
 
-def _patient(database: Database, call: Callable[..., Any]) -> Callable[..., Any]:
+def _retried(retry: Retry, call: Callable[..., Any]) -> Callable[..., Any]:
     @functools.wraps(call)
-    def repeated(*arguments: Any, **named: Any) -> Any:
-        return with_optuna(database, lambda: call(*arguments, **named))
+    def retried(*arguments: Any, **named: Any) -> Any:
+        return retry(lambda: call(*arguments, **named))
 
-    return repeated
+    return retried

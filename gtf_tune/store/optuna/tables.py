@@ -1,12 +1,12 @@
-"""Give Optuna a storage on our database; Optuna is imported only when a function here is called."""
+"""Optuna's storage on our database; Optuna is imported only when a function here is called."""
 
 import warnings
 from collections.abc import Callable, Collection
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, TypeVar
 
-from sqlalchemy import column, delete, table
+from sqlalchemy import Table, column, delete, table
 
 from gtf_tune.errors import StorageError
 from gtf_tune.store.database import Database
@@ -15,7 +15,8 @@ from gtf_tune.store.database.schema import optuna_url
 from gtf_tune.store.database.session import patiently, write
 
 if TYPE_CHECKING:
-    from optuna.storages import RDBStorage
+    from optuna.storages import BaseStorage, RDBStorage
+    from optuna.trial import FrozenTrial
 
 Result = TypeVar("Result")
 _ATTRIBUTES = table("study_system_attributes", column("study_id"), column("key"))
@@ -35,11 +36,11 @@ def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: 
     """
     from optuna.exceptions import ExperimentalWarning
 
-    from gtf_tune.store.optuna.retrying_storage import PatientStorage
+    from gtf_tune.store.optuna.retrying_storage import RetryingStorage
 
     def connect() -> "RDBStorage":
-        return PatientStorage(
-            database,
+        return RetryingStorage(
+            partial(with_optuna, database),
             optuna_url(database.url),
             engine_kwargs=shared_arguments(database.engine),
             # Optuna's own check opens a second connection inside a transaction, which would block on the first.
@@ -92,6 +93,23 @@ def with_optuna(database: Database, work: Callable[[], Result]) -> Result:
             raise error.__cause__ or error from error
 
     return patiently(database, attempt)
+
+
+def study_ids(storage: "BaseStorage") -> set[int]:
+    """Return the database ids of all Optuna studies."""
+    return {study._study_id for study in storage.get_all_studies()}
+
+
+def trials_by_id(storage: "BaseStorage", optuna_study_id: int) -> "dict[int, FrozenTrial]":
+    """Return the trials of an Optuna study by their database ids, in the order of their numbers."""
+    return {trial._trial_id: trial for trial in storage.get_all_trials(optuna_study_id, deepcopy=False)}
+
+
+def optuna_tables() -> list[Table]:
+    """Return the tables that Optuna keeps in the database."""
+    from optuna.storages._rdb.models import BaseModel
+
+    return list(BaseModel.metadata.sorted_tables)
 
 
 def forget_attributes(database: Database, optuna_study_id: int, keys: Collection[str]) -> None:

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 from gtf_tune.errors import OptionError, numbered
 from gtf_tune.store import enqueued
+from gtf_tune.store.optuna import trials as optuna_trials
 from gtf_tune.study.enqueue import option_faults
 from gtf_tune.study.open_study import OpenStudy
-from gtf_tune.study.work import optuna_trials
 
 
 def adopt_waiting(study: OpenStudy) -> None:

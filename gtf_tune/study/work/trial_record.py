@@ -5,14 +5,19 @@ from typing import Any
 
 from optuna.trial import Trial
 
+from gtf_tune.store.optuna import trials as optuna_trials
 from gtf_tune.store.optuna.retrying_storage import gathered
 from gtf_tune.store.trial_queue import TrialResult
-from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement
-from gtf_tune.study.outcome.pairing import paired_improvement, score_matrices, stored_matrices
+from gtf_tune.study.outcome.improvement import (
+    UNKNOWN_IMPROVEMENT,
+    Improvement,
+    paired_improvement,
+    score_matrices,
+    stored_matrices,
+)
 from gtf_tune.study.runs.sequence_runs import SequenceRuns
 from gtf_tune.study.scoring.objective import SequenceScore
 from gtf_tune.study.scoring.trial_scorer import ScoredTrial
-from gtf_tune.study.work import optuna_trials
 
 COVERAGE_CONSTRAINT = "coverage"
 

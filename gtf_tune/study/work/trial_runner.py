@@ -13,6 +13,7 @@ from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import runs, trial_queue
 from gtf_tune.store.enqueued import enqueued_numbers
+from gtf_tune.store.optuna import trials as optuna_trials
 from gtf_tune.store.optuna.retrying_storage import gathered
 from gtf_tune.store.optuna.tables import with_optuna
 from gtf_tune.store.runs import TrialRun
@@ -26,7 +27,6 @@ from gtf_tune.study.runs.stop import StopRequest
 from gtf_tune.study.scoring.early_stopping import Decision, Sizing
 from gtf_tune.study.scoring.trial_scorer import ScoredTrial, TrialScorer, read_reference
 from gtf_tune.study.search.samplers import make_sampler
-from gtf_tune.study.work import optuna_trials
 from gtf_tune.study.work.heartbeat import Heartbeat
 from gtf_tune.study.work.trial_record import (
     improvement_on_nominal,

@@ -10,6 +10,7 @@ from gtf_tune.errors import DeletedError
 from gtf_tune.execution import Executor
 from gtf_tune.store import studies, trial_queue, trials
 from gtf_tune.store.enqueued import enqueued_numbers
+from gtf_tune.store.optuna import trials as optuna_trials
 from gtf_tune.store.trial_queue import TrialLease
 from gtf_tune.store.workers import Worker, this_worker
 from gtf_tune.study.events import Callback, Event
@@ -18,7 +19,6 @@ from gtf_tune.study.runs.run_source import Interrupted
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.scoring.early_stopping import sizing_of
 from gtf_tune.study.search.samplers import make_sampler
-from gtf_tune.study.work import optuna_trials
 from gtf_tune.study.work.heartbeat import GRACE_S, INTERVAL_S, Heartbeat
 from gtf_tune.study.work.optuna_queue import adopt_waiting
 from gtf_tune.study.work.trial_runner import TrialRunner

@@ -1,7 +1,8 @@
-"""Keep Optuna's trials in step with the trials of a study's budget."""
+"""Optuna's trials, one for each trial of a study's budget."""
 
 from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -17,7 +18,7 @@ STATES = MappingProxyType({"complete": TrialState.COMPLETE, "pruned": TrialState
 
 
 def create_for_number(study: optuna.Study, number: int, fixed: Mapping[str, Any] | None) -> int:
-    """Create the waiting Optuna trial of a trial, unless an earlier worker has, and return its id.
+    """Create the waiting Optuna trial of a number, unless an earlier worker has, and return its id.
 
     ``fixed`` are values that it must take; ``None`` lets the sampler choose.
     """
@@ -42,7 +43,7 @@ def refuse(study: optuna.Study, trial_id: int, reason: str) -> None:
 
 
 def start(study: optuna.Study, trial_id: int) -> Trial:
-    """Return the running trial of an id; a trial that another owner has begun is continued with the same options.
+    """Return the running trial of an id; a trial that another worker has begun is continued with the same options.
 
     The sampler learns from all trials that have ended by now: like `Study.ask`, which is not used here, this drops the
     list of trials that Optuna keeps for each thread. Samplers such as TPE would else see that of their first trial for
@@ -51,7 +52,7 @@ def start(study: optuna.Study, trial_id: int) -> Trial:
     Raises
     ------
     UpdateFinishedTrialError
-        Another owner has finished it.
+        Another worker has finished it.
     """
     storage_of(study).set_trial_state_values(trial_id, state=TrialState.RUNNING)
     study._thread_local.cached_all_trials = None
@@ -69,7 +70,7 @@ def frozen(study: optuna.Study, trial_id: int) -> FrozenTrial:
 
 
 def is_finished(study: optuna.Study, trial_id: int) -> bool:
-    """Tell whether a trial has its final state."""
+    """Return True if a trial has its final state."""
     return frozen(study, trial_id).state.is_finished()
 
 
@@ -81,6 +82,15 @@ def storage_of(study: optuna.Study) -> BaseStorage:
 def study_id_of(study: optuna.Study) -> int:
     """Return the database id of a study."""
     return study._study_id
+
+
+@dataclass(frozen=True)
+class TrialHandle:
+    """Name of a trial for functions that take an `optuna.Trial`, which to make would involve the sampler."""
+
+    study: optuna.Study
+    storage: BaseStorage
+    _trial_id: int
 
 
 def tell(study: optuna.Study, number: int, value: float, state: str = "complete") -> None:
