@@ -8,6 +8,7 @@
     |-- SequenceError        images, timestamps, intrinsics or a data-set layout are wrong
     |-- TrajectoryError      a trajectory is unreadable, or a pair of them cannot be aligned
     |-- RunError             one run of a pipeline failed, with the reason
+    |-- MachineError         this machine is at fault: disk, permissions, programs that work elsewhere
     `-- StorageError         the database is missing, damaged, locked, too old or says otherwise
         |-- UnreachableError  its server does not answer, which may pass
         `-- DeletedError      the study was deleted while it was worked on
@@ -49,7 +50,18 @@ class TrajectoryError(GtfTuneError):
 
 
 class RunError(GtfTuneError):
-    """Signal that one run of a pipeline failed; the message is the reason stored with the run."""
+    """Signal that one run of a pipeline failed; the message is the reason stored with the run.
+
+    ``died_of`` is the number of the signal that ended the program, 0 where it ended itself.
+    """
+
+    def __init__(self, message: str = "", *, died_of: int = 0) -> None:
+        super().__init__(message)
+        self.died_of = died_of
+
+
+class MachineError(GtfTuneError):
+    """Signal that runs fail because of this machine, which says nothing about the configurations that they try."""
 
 
 class StorageError(GtfTuneError):

@@ -1,52 +1,53 @@
 """Run requests in child processes of this machine."""
 
-import contextlib
-import platform
-import signal
+import tempfile
 import threading
 import time
 from collections import deque
-from concurrent.futures import CancelledError, Future, InvalidStateError
+from concurrent.futures import CancelledError, Future
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Self
 
 import psutil
-from pebble import ProcessExpired, ProcessPool
+from pebble import ProcessExpired
 
-from gtf_tune.errors import DefinitionError, StorageError
+from gtf_tune.errors import DefinitionError, MachineError
+from gtf_tune.execution.attempt import Attempt, OverdueError, failure
 from gtf_tune.execution.base import RunLimits
-from gtf_tune.execution.paths import RunPaths, Scratch, default_cache_folder
-from gtf_tune.execution.run_in_child import execute_in_worker, versions_of
+from gtf_tune.execution.disk_watch import DiskWatch
+from gtf_tune.execution.paths import Scratch, default_cache_folder
+from gtf_tune.execution.retries import Retries
+from gtf_tune.execution.run_in_child import execute_in_worker
+from gtf_tune.execution.run_timer import TICK_S, RunTimer, counted
 from gtf_tune.execution.stages import FreshStages, StageStore
 from gtf_tune.execution.workers import Workers
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
-from gtf_tune.trajectory import Trajectory
 
-_KILLED_TRIES = 3
-_KILLED_FROM_OUTSIDE = (signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 _MEMORY_MARGIN = 1.1
-_WATCH_S = 1.0
 
 
 @dataclass(eq=False)
 class _Item:
+    """A run that was submitted, from its place in the queue to its outcome."""
+
     request: RunRequest
     limits: RunLimits
+    known_good: RunRequest | None = None
     future: "Future[RunOutcome]" = field(default_factory=Future)
-    paths: RunPaths | None = None
-    pool: ProcessPool | None = None
-    started: "Future[RunOutcome] | None" = None
-    pool_lost: bool = False
+    retries: Retries = field(default_factory=Retries)
+    attempt: Attempt | None = None
     expected_bytes: int = 0
-    tries: int = 0
-    began: float = 0.0
-    started_at: float = 0.0
+
+    @property
+    def kind(self) -> tuple[str, str]:
+        return self.request.pipeline.name, self.request.sequence.name
 
 
 class LocalExecutor:
-    """Run up to ``jobs`` requests at a time, each in a process that survives nothing and endangers nobody.
+    """Run up to ``jobs`` requests at a time, each in a process of its own.
 
     Worker processes are reused between runs, so that importing a pipeline is paid once; a run that aborts, hangs or is
     killed takes its worker with it and the pool starts another. A run starts only if the peak memory measured on runs
@@ -62,6 +63,8 @@ class LocalExecutor:
         Folder for the files of running runs.
     memory_bytes
         What all runs together may take; by default what the machine has available now.
+    retry_elsewhere
+        Whether runs that failed for no known reason are tried again by the caller, on another host.
     """
 
     def __init__(
@@ -70,21 +73,26 @@ class LocalExecutor:
         stages: StageStore | None = None,
         scratch: Path | None = None,
         memory_bytes: int | None = None,
+        *,
+        retry_elsewhere: bool = False,
     ) -> None:
         self._jobs = jobs
         self._stages = stages or FreshStages()
         self._scratch = Scratch(scratch or default_cache_folder() / "scratch")
         self._memory_bytes = memory_bytes or psutil.virtual_memory().available
+        self._retry_elsewhere = retry_elsewhere
         self._waiting: deque[_Item] = deque()
         self._running: list[_Item] = []
+        self._doubted: list[tuple[_Item, RunOutcome]] = []
         self._peaks: dict[tuple[str, str], int] = {}
         self._lock = threading.RLock()
-        self._closed = False
+        self._closed = threading.Event()
         self._workers = Workers()
-        self._ended = threading.Event()
-        self._watcher = threading.Thread(target=self._watch_pools, name="watch-pools", daemon=True)
+        self._supervisor = threading.Thread(target=self._supervise, name="supervise-runs", daemon=True)
 
-    def submit(self, request: RunRequest, limits: RunLimits) -> "Future[RunOutcome]":
+    def submit(
+        self, request: RunRequest, limits: RunLimits, known_good: RunRequest | None = None
+    ) -> "Future[RunOutcome]":
         """Queue a run; the future ends when the run does.
 
         Raises
@@ -97,9 +105,11 @@ class LocalExecutor:
                 f"the class of pipeline '{request.pipeline.name}' is defined in the main script, which the processes "
                 "of runs do not import; move it to a module"
             )
-        item = _Item(request, limits)
+        item = _Item(request, limits, known_good)
         with self._lock:
             self._waiting.append(item)
+            if not self._supervisor.ident:
+                self._supervisor.start()
         self._start_what_fits()
         return item.future
 
@@ -109,6 +119,7 @@ class LocalExecutor:
             items, self._waiting = list(self._waiting), deque()
         for item in items:
             item.future.cancel()
+        self._resolve_doubts()
 
     def __enter__(self) -> Self:
         """Return the executor itself."""
@@ -116,29 +127,23 @@ class LocalExecutor:
 
     def __exit__(self, *_: object) -> None:
         """Stop all runs and leave no process and no file behind."""
-        with self._lock:
-            self._closed = True
-        self._ended.set()
+        self._closed.set()
         self.cancel_waiting()
         self._workers.close()
-        self._abandon_running()
-        self._scratch.close()
-
-    def _abandon_running(self) -> None:
-        """End the futures of runs that stopped workers will never speak of again."""
         with self._lock:
-            left = [item for item in self._running if not item.future.done()]
-        for item in left:
-            item.future.set_exception(CancelledError())
+            left = [(item, item.attempt) for item in self._running if item.attempt is not None]
+        for item, attempt in left:  # stopped workers never report them
+            self._end(item, attempt, None)
+        self._scratch.close()
 
     def _start_what_fits(self) -> None:
         with self._lock:
-            while not self._closed and self._waiting and self._fits(self._waiting[0]):
+            while not self._closed.is_set() and self._waiting and self._fits(self._waiting[0]):
                 self._start(self._waiting.popleft())
 
     def _fits(self, item: _Item) -> bool:
-        item.expected_bytes = int(self._peaks.get(_kind_of(item.request), 0) * _MEMORY_MARGIN)
-        if item.tries:  # it was killed, perhaps for want of memory: it gets all of it
+        item.expected_bytes = int(self._peaks.get(item.kind, 0) * _MEMORY_MARGIN)
+        if "killed" in item.retries.causes:  # perhaps for want of memory: it gets all of it
             item.expected_bytes = self._memory_bytes
         if not self._running:
             return True
@@ -146,121 +151,131 @@ class LocalExecutor:
         return len(self._running) < self._jobs and reserved + item.expected_bytes <= self._memory_bytes
 
     def _start(self, item: _Item) -> None:
-        if item.paths is None and not item.future.set_running_or_notify_cancel():
+        if not item.retries.causes and not item.future.set_running_or_notify_cancel():
             return
-        item.tries += 1
-        item.began, item.started_at = time.perf_counter(), time.time()
         self._running.append(item)
         try:
-            item.paths = self._scratch.paths(item.request.key[:12])
-            started = self._schedule(item)
-        except StorageError as error:
-            started = Future()
-            started.set_exception(error)
-        item.started = started
-        started.add_done_callback(lambda done: self._finish(item, done))
+            attempt = self._begin(item)
+        except MachineError as error:
+            self._close_attempt(item, failure(item.request, str(error), "machine"))
+            return
+        item.attempt = attempt
+        attempt.future.add_done_callback(lambda done: self._end(item, attempt, None if done.cancelled() else done))
 
-    def _schedule(self, item: _Item) -> "Future[RunOutcome]":
-        arguments = (item.request, item.limits, item.paths, self._stages)
-        item.pool, item.pool_lost = self._workers.take(), False
-        if not self._watcher.ident:
-            self._watcher.start()
+    def _begin(self, item: _Item) -> Attempt:
+        paths = self._scratch.paths(item.request.key[:12])
+        pool = self._workers.take()
+        disks = DiskWatch((self._scratch.folder, Path(tempfile.gettempdir())))
+        attempt = Attempt(
+            item.request, item.limits, len(item.retries.causes) + 1, paths, pool, disks, RunTimer(paths.phase)
+        )
         try:
-            started: Future[RunOutcome] = item.pool.schedule(
-                execute_in_worker, args=arguments, timeout=item.limits.timeout_s
-            )
+            attempt.future = pool.schedule(execute_in_worker, args=(item.request, item.limits, paths, self._stages))
         except RuntimeError as error:  # the idle process was killed this very moment
-            started = Future()
-            started.set_exception(BrokenProcessPool(str(error)))
-        return started
+            attempt.future.set_exception(BrokenProcessPool(str(error)))
+        return attempt
 
-    def _watch_pools(self) -> None:
-        """Fail runs that their pool has forgotten, so that they are tried again.
-
-        A pool whose process is killed before it has taken its run up stops, and sometimes never speaks of that run.
-        """
-        while not self._ended.wait(_WATCH_S):
+    def _supervise(self) -> None:
+        """Count the time of running runs, and end those that take too long or that their pool has forgotten."""
+        last = time.monotonic()
+        while not self._closed.wait(TICK_S):
+            elapsed_s, last = counted(time.monotonic() - last), time.monotonic()
             with self._lock:
-                items = [item for item in self._running if item.pool is not None and not item.pool.active]
-            for item in items:
-                if item.pool_lost and item.started is not None:  # for the second time: the pool had its chance
-                    with contextlib.suppress(InvalidStateError):
-                        item.started.set_exception(BrokenProcessPool("the process was killed before it began"))
-                item.pool_lost = True
+                items = [(item, item.attempt) for item in self._running if item.attempt is not None]
+            for item, attempt in items:
+                error = attempt.look(elapsed_s)
+                if error is not None:
+                    self._end(item, attempt, error)
 
-    def _finish(self, item: _Item, done: "Future[RunOutcome]") -> None:
-        outcome, error = self._outcome(item, done)
-        self._part_with(item, done)
+    def _end(self, item: _Item, attempt: Attempt, ended: "Future[RunOutcome] | Exception | None") -> None:
+        """Take note of the end of an attempt, once: its process and the supervisor may both report it."""
+        with self._lock:
+            if item.attempt is not attempt:
+                return
+            item.attempt = None
+        error = ended.exception() if isinstance(ended, Future) else ended
+        if ended is None or self._closed.is_set():
+            self._workers.end(attempt.pool)
+            self._drop(item, CancelledError())
+            return
+        try:
+            outcome = attempt.outcome(error)
+        except Exception as fault:  # handed on to whoever asks the future
+            self._workers.give_back(attempt.pool)
+            self._drop(item, fault)
+        else:
+            died = isinstance(error, OverdueError | ProcessExpired | BrokenProcessPool)
+            (self._workers.end if died else self._workers.give_back)(attempt.pool)
+            self._close_attempt(item, outcome)
+        finally:
+            attempt.paths.remove()
+            self._start_what_fits()
+
+    def _drop(self, item: _Item, error: BaseException) -> None:
         with self._lock:
             self._running.remove(item)
-            if outcome is not None and outcome.peak_memory_bytes:
-                kind = _kind_of(item.request)
-                self._peaks[kind] = max(self._peaks.get(kind, 0), outcome.peak_memory_bytes)
-        if item.paths is not None:
-            item.paths.remove()
-        if outcome is not None:
-            item.future.set_result(outcome)
-        elif error is not None:
-            item.future.set_exception(error)
-        else:
-            with self._lock:
+        item.future.set_exception(error)
+
+    def _close_attempt(self, item: _Item, outcome: RunOutcome) -> None:
+        open_elsewhere = self._retry_elsewhere and outcome.cause in ("unknown", "machine")
+        again = item.retries.wanted(outcome) and not open_elsewhere
+        if again and outcome.cause == "machine":
+            self._stages.make_room()
+        with self._lock:
+            self._running.remove(item)
+            self._peaks[item.kind] = max(self._peaks.get(item.kind, 0), outcome.peak_memory_bytes)
+            if again and not self._closed.is_set():
                 self._waiting.appendleft(item)
-        self._start_what_fits()
+                return
+        self._settle(item, outcome if open_elsewhere else item.retries.settled(outcome))
 
-    def _outcome(self, item: _Item, done: "Future[RunOutcome]") -> tuple[RunOutcome | None, BaseException | None]:
-        """Return the outcome, or the error to pass on, or neither where the run deserves another try."""
-        if done.cancelled():
-            return None, CancelledError()
-        error = done.exception()
-        if error is None:
-            return done.result(), None
-        if self._closed:
-            return None, CancelledError()
-        if isinstance(error, TimeoutError):
-            return _failure(item, f"no result within {item.limits.timeout_s:g} s (limits.run_timeout_s)"), None
-        if isinstance(error, ProcessExpired | BrokenProcessPool):
-            exitcode = error.exitcode or 0 if isinstance(error, ProcessExpired) else -signal.SIGKILL
-            if -exitcode in _KILLED_FROM_OUTSIDE and item.tries < _KILLED_TRIES:
-                return None, None
-            return _failure(item, _death(exitcode, item.tries)), None
-        return None, error
-
-    def _part_with(self, item: _Item, done: "Future[RunOutcome]") -> None:
-        """Keep the run's process for the next run if it is still there and sound."""
-        if item.pool is None:
-            return
-        error = None if done.cancelled() else done.exception()
-        died = isinstance(error, TimeoutError | ProcessExpired | BrokenProcessPool)
-        if done.cancelled() or died or self._closed:
-            self._workers.end(item.pool)
+    def _settle(self, item: _Item, outcome: RunOutcome) -> None:
+        """Hand an outcome over, unless it is a failure that this machine may have caused."""
+        if outcome.status == "failed" and outcome.cause != "machine" and item.known_good is not None:
+            with self._lock:
+                self._doubted.append((item, outcome))
         else:
-            self._workers.give_back(item.pool)
-        item.pool = None
+            if outcome.status == "ok":
+                self._hand_over_doubted(item.kind)
+            item.future.set_result(outcome)
+        self._resolve_doubts()
 
+    def _resolve_doubts(self) -> None:
+        """Run what is known to work, for each kind of run of which only failures are left here."""
+        with self._lock:
+            busy = {item.kind for item in (*self._running, *self._waiting)}
+            idle = {item.kind: item for item, _ in self._doubted if item.kind not in busy}
+            checks = {
+                kind: self.submit(item.known_good, item.limits)
+                for kind, item in idle.items()
+                if item.known_good is not None and not self._closed.is_set()
+            }
+        for kind, check in checks.items():
+            check.add_done_callback(partial(self._checked, kind))
+        for kind in idle.keys() - checks:
+            self._cancel_doubted(kind)
 
-def _kind_of(request: RunRequest) -> tuple[str, str]:
-    return request.pipeline.name, request.sequence.name
+    def _checked(self, kind: tuple[str, str], check: "Future[RunOutcome]") -> None:
+        """Blame the machine for the failures of a kind where even what is known to work fails here."""
+        if check.cancelled() or check.exception() is not None:
+            self._cancel_doubted(kind)
+        elif check.result().status == "failed":
+            self._hand_over_doubted(kind, blamed_for=check.result().error)
 
+    def _hand_over_doubted(self, kind: tuple[str, str], blamed_for: str = "") -> None:
+        for item, outcome in self._take_doubted(kind):
+            reason = (
+                f"this machine cannot run what works elsewhere: {outcome.error}; a run that had succeeded before "
+                f"failed here too: {blamed_for}"
+            )
+            item.future.set_result(replace(outcome, error=reason, cause="machine") if blamed_for else outcome)
 
-def _failure(item: _Item, reason: str) -> RunOutcome:
-    return RunOutcome(
-        status="failed",
-        trajectory=Trajectory.empty(),
-        error=reason,
-        wall_s=time.perf_counter() - item.began,
-        host=platform.node(),
-        started_at=item.started_at,
-        versions=versions_of(item.request),
-        log=item.paths.read_log_tail() if item.paths else "",
-    )
+    def _cancel_doubted(self, kind: tuple[str, str]) -> None:
+        for item, _ in self._take_doubted(kind):
+            item.future.set_exception(CancelledError())
 
-
-def _death(exitcode: int, tries: int) -> str:
-    if exitcode >= 0:
-        return f"the pipeline ended its process with exit code {exitcode}"
-    name = signal.Signals(-exitcode).name
-    if name == "SIGKILL":
-        return f"the run was killed {tries} times (SIGKILL), most likely for want of memory"
-    if -exitcode in _KILLED_FROM_OUTSIDE:
-        return f"the run was ended from outside {tries} times ({name})"
-    return f"the pipeline crashed its process ({name})"
+    def _take_doubted(self, kind: tuple[str, str]) -> list[tuple[_Item, RunOutcome]]:
+        with self._lock:
+            taken = [pair for pair in self._doubted if pair[0].kind == kind]
+            self._doubted = [pair for pair in self._doubted if pair[0].kind != kind]
+        return taken

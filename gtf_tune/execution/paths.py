@@ -1,4 +1,4 @@
-"""Name the files of runs, and clean up what a killed process left."""
+"""The files of runs, and the removal of what a killed process left."""
 
 import fcntl
 import os
@@ -10,7 +10,7 @@ from typing import IO
 
 import platformdirs
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import MachineError
 
 _LOG_TAIL_BYTES = 8192
 _OWNER_LOCK = "owner.lock"
@@ -18,7 +18,7 @@ _OWNER_LOCK = "owner.lock"
 
 @dataclass(frozen=True)
 class RunPaths:
-    """Name the files of one run below its own folder."""
+    """The files of one run, below its own folder."""
 
     folder: Path
 
@@ -26,6 +26,11 @@ class RunPaths:
     def log(self) -> Path:
         """Return the file that receives everything the run prints."""
         return self.folder / "run.log"
+
+    @property
+    def phase(self) -> Path:
+        """Return the file in which the run notes what it is doing (see `run_timer`)."""
+        return self.folder / "phase"
 
     @property
     def workspace(self) -> Path:
@@ -52,10 +57,10 @@ class RunPaths:
 
 
 class Scratch:
-    """Own a folder for the runs of one executor; it disappears with its owner.
+    """A folder for the runs of one executor, which disappears with the executor.
 
-    The owner holds a lock on a file inside. The next owner removes the folders of owners that were killed, which it
-    knows by their locks being free.
+    The owner holds a lock on a file inside. The next owner removes the folders of owners that were killed: their locks
+    are free.
     """
 
     def __init__(self, root: Path) -> None:
@@ -76,7 +81,7 @@ class Scratch:
 
         Raises
         ------
-        StorageError
+        MachineError
             They cannot be made.
         """
         try:
@@ -98,8 +103,8 @@ def default_cache_folder() -> Path:
     return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("gtf-tune"))
 
 
-def _unwritable(folder: Path, error: OSError) -> StorageError:
-    return StorageError(f"cannot write below {folder} ({error.strerror}); choose another place with --cache-dir")
+def _unwritable(folder: Path, error: OSError) -> MachineError:
+    return MachineError(f"cannot write below {folder} ({error.strerror}); choose another place with --cache-dir")
 
 
 def _remove_abandoned(root: Path) -> None:

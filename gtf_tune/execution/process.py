@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from multiprocessing import resource_tracker
 from pathlib import Path
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import MachineError
 
 _WATCHDOG = Path(__file__).with_name("watchdog.py")
 _KIB = 1024
@@ -77,13 +77,13 @@ def output_to(path: Path) -> Iterator[None]:
 
     Raises
     ------
-    StorageError
+    MachineError
         The file cannot be written.
     """
     try:
         file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     except OSError as error:
-        raise StorageError(f"cannot write {path} ({error.strerror}); choose another place with --cache-dir") from error
+        raise MachineError(f"cannot write {path} ({error.strerror}); choose another place with --cache-dir") from error
     sys.stdout.flush()
     sys.stderr.flush()
     saved = [os.dup(1), os.dup(2)]

@@ -6,23 +6,43 @@ import platform
 import signal
 import time
 import traceback
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from gtf_tune.errors import DefinitionError, OptionError, RunError, SequenceError, StorageError
+from gtf_tune.errors import DefinitionError, MachineError, OptionError, RunError, SequenceError
 from gtf_tune.execution.base import RunLimits
 from gtf_tune.execution.paths import RunPaths
 from gtf_tune.execution.process import memory_limited, output_to, peak_memory_bytes, reset_peak_memory
+from gtf_tune.execution.retries import cause_of_death
+from gtf_tune.execution.run_timer import PhaseNote
 from gtf_tune.execution.stages import StageStore
-from gtf_tune.pipelines.base import PipelineJob, PipelineOutput
-from gtf_tune.pipelines.run import RunOutcome, RunRequest
+from gtf_tune.pipelines.base import PipelineJob, PipelineOutput, Stages
+from gtf_tune.pipelines.run import FailureCause, RunOutcome, RunRequest
 from gtf_tune.sequence import Sequence
 from gtf_tune.trajectory import Trajectory
 from gtf_tune.version import __version__
 
-_MACHINE_FAULTS = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EMFILE, errno.ENFILE}
+_MACHINE_FAULTS = frozenset(
+    getattr(errno, name)
+    for name in (
+        *("ENOSPC", "EDQUOT", "EROFS", "EACCES", "EPERM", "EMFILE", "ENFILE", "EIO", "EAGAIN"),
+        *("ENOLCK", "ESTALE", "ENODEV", "ENXIO", "ENOTCONN", "EHOSTDOWN", "EHOSTUNREACH", "ETXTBSY", "EBUSY"),
+    )
+    if hasattr(errno, name)
+)
 _GIB = 2**30
+
+
+@dataclass(frozen=True)
+class _Ending:
+    """How the pipeline ended: with its output, or with why it failed."""
+
+    output: PipelineOutput
+    error: str = ""
+    cause: FailureCause = "configuration"
 
 
 def execute(request: RunRequest, limits: RunLimits, paths: RunPaths, store: StageStore) -> RunOutcome:
@@ -30,25 +50,28 @@ def execute(request: RunRequest, limits: RunLimits, paths: RunPaths, store: Stag
 
     Raises
     ------
-    StorageError, SequenceError, DefinitionError
-        This machine is at fault, not the options: the disk is full, a folder cannot be written, an image cannot be
-        read, or the pipeline cannot be imported.
+    SequenceError, DefinitionError
+        An image cannot be read, or the pipeline cannot be imported.
     """
     started_at = time.time()
     clock = time.perf_counter()
     reset_peak_memory()
-    output, error = _run_logged(request, limits, paths, store)
+    try:
+        ending = _run_logged(request, limits, paths, store)
+    except MachineError as error:
+        ending = _failed(str(error), "machine")
     return RunOutcome(
-        status="failed" if error else "ok",
-        trajectory=output.trajectory,
-        error=error,
-        diagnostics=dict(output.diagnostics),
+        status="failed" if ending.error else "ok",
+        trajectory=ending.output.trajectory,
+        error=ending.error,
+        diagnostics=dict(ending.output.diagnostics),
         wall_s=time.perf_counter() - clock,
         peak_memory_bytes=peak_memory_bytes(),
         host=platform.node(),
         started_at=started_at,
         versions=versions_of(request),
-        log=paths.read_log_tail() if error else "",
+        log=paths.read_log_tail() if ending.error else "",
+        cause=ending.cause,
     )
 
 
@@ -71,32 +94,39 @@ def versions_of(request: RunRequest) -> dict[str, str]:
     }
 
 
-def _run_logged(
-    request: RunRequest, limits: RunLimits, paths: RunPaths, store: StageStore
-) -> tuple[PipelineOutput, str]:
-    nothing = PipelineOutput(Trajectory.empty())
+def _failed(error: str, cause: FailureCause) -> _Ending:
+    return _Ending(PipelineOutput(Trajectory.empty()), error, cause)
+
+
+def _run_logged(request: RunRequest, limits: RunLimits, paths: RunPaths, store: StageStore) -> _Ending:
     with output_to(paths.log), memory_limited(limits.memory_bytes):
         try:
-            return _run(request, paths, store), ""
+            return _Ending(_run(request, paths, store))
         except RunError as error:
-            return nothing, str(error)
+            return _failed(str(error), cause_of_death(error.died_of) if error.died_of else "configuration")
         except OptionError as error:
-            return nothing, str(error)
-        except (SequenceError, DefinitionError):  # what the run needs is not on this machine
+            return _failed(str(error), "configuration")
+        except (SequenceError, DefinitionError, MachineError):  # what the run needs is not on this machine
             raise
         except MemoryError:
-            return nothing, f"the run needed more than its memory limit of {limits.memory_bytes / _GIB:g} GB"
+            needed = f"the run needed more than its memory limit of {limits.memory_bytes / _GIB:g} GB"
+            return _failed(needed, "configuration")
         except OSError as error:
             _log_traceback()
-            if error.errno in _MACHINE_FAULTS:
-                raise StorageError(
-                    f"a run could not write to {error.filename or paths.folder} ({error.strerror}); "
-                    "make room or choose another place with --cache-dir, then resume the study"
-                ) from error
-            return nothing, f"{type(error).__name__}: {error}"
+            return _failed(*_from_system(error, paths))
         except Exception as error:  # a run may fail in any way; the reason is kept and the study goes on
             _log_traceback()
-            return nothing, f"{type(error).__name__}: {error}"
+            return _failed(f"{type(error).__name__}: {error}", "unknown")
+
+
+def _from_system(error: OSError, paths: RunPaths) -> tuple[str, FailureCause]:
+    if error.errno not in _MACHINE_FAULTS:
+        return f"{type(error).__name__}: {error}", "unknown"
+    return (
+        f"a run could not use {error.filename or paths.folder} ({error.strerror}); make room, check its permissions or "
+        "choose another place with --cache-dir",
+        "machine",
+    )
 
 
 def _log_traceback() -> None:
@@ -104,7 +134,24 @@ def _log_traceback() -> None:
         traceback.print_exc()
 
 
+@dataclass(frozen=True)
+class _TimedStages:
+    """Stages that note when the run builds one of them, and when it waits for another run that does."""
+
+    stages: Stages
+    note: PhaseNote
+
+    def reach(self, stage: str, key: str, build: Callable[[Path], None]) -> Path:
+        def build_timed(folder: Path) -> None:
+            with self.note.stage(stage):
+                build(folder)
+
+        with self.note.waiting():
+            return self.stages.reach(stage, key, build_timed)
+
+
 def _run(request: RunRequest, paths: RunPaths, store: StageStore) -> PipelineOutput:
+    note = PhaseNote(paths.phase)
     with store.open(paths.workspace / "stages") as stages:
         workspace = paths.workspace / "pipeline"
         workspace.mkdir()
@@ -115,8 +162,9 @@ def _run(request: RunRequest, paths: RunPaths, store: StageStore) -> PipelineOut
             seed=request.seed,
             threads=request.threads,
             workspace=workspace,
-            stages=stages,
+            stages=_TimedStages(stages, note),
             focal_prior=request.focal_prior,
+            waiting=note.waiting,
         )
         output = request.pipeline.run(job)
     if len(output.trajectory) == 0:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import MachineError
 
 _MANIFEST = "manifest.json"
 _CHUNK_BYTES = 2**20
@@ -27,7 +27,7 @@ DEFAULT_LIMIT_BYTES = 20 * 2**30
 
 @dataclass(frozen=True)
 class CacheInfo:
-    """Summarise a stage cache: entries and bytes by stage, and the size limit."""
+    """What a stage cache holds: entries and bytes by stage, and the size limit."""
 
     folder: Path
     limit_bytes: int
@@ -45,7 +45,7 @@ class _Entry:
 
 @dataclass(frozen=True)
 class StageCache:
-    """Hold stages in ``folder``, up to ``limit_bytes``; the least recently used entries go first."""
+    """Stages in ``folder``, up to ``limit_bytes``; the least recently used entries go first."""
 
     folder: Path
     limit_bytes: int = DEFAULT_LIMIT_BYTES
@@ -86,6 +86,10 @@ class StageCache:
         """Drop every entry that no run uses, and return the bytes freed."""
         return self.prune(limit_bytes=0)
 
+    def make_room(self) -> None:
+        """Drop every entry that no run uses, because the disk is full."""
+        self.clear()
+
     def entry_folder(self, key: str) -> Path:
         """Return the folder of a key, whether it exists or not."""
         return self.folder / "stages" / key[:2] / key
@@ -121,7 +125,7 @@ class StageCache:
                 yield _Entry(manifest.parent, content["stage"], size, manifest.stat().st_mtime)
 
     def _remove_unused(self, key: str, folder: Path) -> bool:
-        """Remove the folder of a key, unless someone uses or builds its entry, and tell whether it is gone."""
+        """Remove the folder of a key, unless someone uses or builds its entry, and return whether it is gone."""
         with self.lock(key) as lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -138,7 +142,7 @@ class StageCache:
 
 @dataclass
 class _CachedStages:
-    """Reach stages through a cache for the length of one run."""
+    """The stages of one run, taken from a cache."""
 
     cache: StageCache
     locks: dict[str, IO[bytes]] = field(default_factory=dict)
@@ -151,7 +155,7 @@ class _CachedStages:
         try:
             lock = self.cache.lock(key)
         except OSError as error:
-            raise StorageError(
+            raise MachineError(
                 f"the stage cache {self.cache.folder} cannot be written ({error.strerror}); "
                 "choose another place with --cache-dir or work without it (--no-cache)"
             ) from error

@@ -1,4 +1,4 @@
-"""Give runs the folders of their stages, without a cache."""
+"""The folders of the stages of runs, without a cache."""
 
 import contextlib
 import shutil
@@ -17,6 +17,10 @@ class StageStore(Protocol):
         """Return the stages of one run; what they hand out stays in place until the context ends."""
         ...
 
+    def make_room(self) -> None:
+        """Give up what can be built again, because the disk is full."""
+        ...
+
 
 @dataclass(frozen=True)
 class FreshStages:
@@ -26,6 +30,9 @@ class FreshStages:
     def open(self, workspace: Path) -> Iterator[Stages]:
         """Yield stages that live in ``workspace``."""
         yield _Fresh(workspace)
+
+    def make_room(self) -> None:
+        """Do nothing: nothing is kept."""
 
 
 @dataclass(frozen=True)

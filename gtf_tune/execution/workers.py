@@ -1,10 +1,10 @@
-"""Keep worker processes at hand, each so much on its own that the death of one harms no other."""
+"""Keep worker processes at hand, each independent of the others, so that the death of one harms no other."""
 
 import threading
 
 from pebble import ProcessPool
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import MachineError
 from gtf_tune.execution.process import initialise_worker, interrupts_withheld
 from gtf_tune.execution.spawning import MainlessContext
 
@@ -30,7 +30,7 @@ class Workers:
 
         Raises
         ------
-        StorageError
+        MachineError
             This machine cannot start another process.
         """
         for _ in range(_TRIES):
@@ -40,10 +40,12 @@ class Workers:
             if active:
                 return pool
             self.end(pool)
-        raise StorageError("this machine cannot start another process; end other programs, then resume the study")
+        raise MachineError(
+            "this machine cannot start another process; end other programs or raise its limits (ulimit -u, -n)"
+        )
 
     def give_back(self, pool: ProcessPool) -> None:
-        """Keep a pool whose process has ended its run in peace."""
+        """Keep a pool whose process has ended its run and is still sound."""
         with self._lock:
             self._lent.discard(pool)
             self._idle.append(pool)

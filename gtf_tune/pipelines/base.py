@@ -1,5 +1,6 @@
 """State what a pipeline is: the contract between gtf-tune and the programs that it tunes."""
 
+import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,12 +29,13 @@ class Stages(Protocol):
 
 @dataclass(frozen=True)
 class PipelineJob:
-    """Hold what one run of a pipeline works on.
+    """What one run of a pipeline works on.
 
     ``images`` are the clean or noisy grey images, ``camera`` the intrinsics in COLMAP's convention or ``None`` where
     they are unknown, ``focal_prior`` a focal length in pixels to start from where they are, ``options`` the checked
     values that differ from the pipeline's defaults, ``seed`` a non-negative 31-bit number, ``workspace`` an empty
-    folder of the run's own.
+    folder of the run's own. ``waiting`` opens a context for waits that are not the run's own, such as that for a GPU:
+    they do not count towards its time limit.
     """
 
     images: "ImageSource"
@@ -44,11 +46,12 @@ class PipelineJob:
     workspace: Path
     stages: Stages
     focal_prior: float | None = None
+    waiting: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext
 
 
 @dataclass(frozen=True)
 class PipelineOutput:
-    """Hold what one run of a pipeline gives back.
+    """What one run of a pipeline gives back.
 
     ``trajectory`` has one pose per registered frame, with the frame ids of the job's images. ``diagnostics`` are short
     scalars such as ``num_points3D``, ``mean_reprojection_error_px`` or ``num_models``; names that end in ``_s`` are
@@ -87,5 +90,7 @@ class Pipeline(Protocol):
         ------
         RunError
             The program ended without a usable trajectory; the message is the reason that users read.
+        MachineError
+            This machine cannot run the program, whatever the options: it is missing, or its files cannot be written.
         """
         ...

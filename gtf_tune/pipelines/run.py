@@ -1,4 +1,4 @@
-"""Hold runs as values: what identifies a run and what comes out of it."""
+"""Runs as values: what identifies a run and what comes out of it."""
 
 import hashlib
 import json
@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
+from gtf_tune.errors import MachineError
 from gtf_tune.pipelines.base import DiagnosticValue, Pipeline
 from gtf_tune.pipelines.options import OptionValue
 
@@ -15,11 +16,14 @@ if TYPE_CHECKING:  # whoever only reads studies needs neither images nor poses
 
 RunKind = Literal["clean", "noisy"]
 RunStatus = Literal["ok", "failed"]
+FailureCause = Literal["configuration", "machine", "unknown", "killed", "terminated"]
+"""Why a run failed: the program said so; this machine (disk, permissions, missing program); not known; SIGKILL; other
+signals from outside. Executors try again what is not the configuration's, and return one of the first two."""
 
 
 @dataclass(frozen=True)
 class RunRequest:
-    """Identify one run: a pipeline with options on one clean or noisy copy of one sequence.
+    """What identifies a run: a pipeline with options on one clean or noisy copy of one sequence.
 
     ``index`` counts the clean or the noisy runs from 0. ``noise_sigma`` is in grey levels, 0 for clean runs. Both seeds
     are non-negative; ``noise_seed`` is 0 for clean runs, so that all of them share one set of images.
@@ -51,7 +55,7 @@ class RunRequest:
     def key(self) -> str:
         """Return the hex SHA-256 of everything that the result depends on.
 
-        Images do not tell the times of frames, which are part of it for pipelines with a true ``reads_times``.
+        The times of frames are part of it only for pipelines with a true ``reads_times``.
         """
         reads_times = getattr(self.pipeline, "reads_times", False)
         return digest(
@@ -74,10 +78,11 @@ class RunRequest:
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """Hold how a run ended.
+    """How a run ended.
 
-    A failed run has an empty trajectory and a one-sentence ``error``. ``wall_s`` is what the child process took,
-    ``peak_memory_bytes`` its largest resident set, ``log`` the end of what it printed.
+    A failed run has an empty trajectory, a one-sentence ``error`` and a ``cause``; a failure that this machine caused
+    says nothing about the configuration. ``attempts`` counts the times that the run was tried. ``wall_s`` is what the
+    child process took, ``peak_memory_bytes`` its largest resident set, ``log`` the end of what it printed.
     """
 
     status: RunStatus
@@ -90,6 +95,13 @@ class RunOutcome:
     started_at: float = 0.0
     versions: Mapping[str, str] = field(default_factory=dict)
     log: str = ""
+    cause: FailureCause = "configuration"
+    attempts: int = 1
+
+    def raise_for_machine(self) -> None:
+        """Raise `MachineError` where the machine is at fault, so that the outcome says nothing."""
+        if self.status == "failed" and self.cause == "machine":
+            raise MachineError(self.error)
 
 
 def digest(value: object) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from gtf_tune.errors import SequenceError
+from gtf_tune.errors import MachineError, SequenceError
 from gtf_tune.sequence.image_noise import NOISE_VERSION, GreyImage, noisy_image
 from gtf_tune.sequence.value import Frame, Sequence
 
@@ -77,7 +77,9 @@ class ImageSource:
         Raises
         ------
         SequenceError
-            An image cannot be read, or the folder cannot be written to.
+            An image cannot be read.
+        MachineError
+            The folder cannot be written to.
         """
 
         def write_one(frame: Frame) -> None:
@@ -98,6 +100,6 @@ def _write_pgm(path: Path, grey: GreyImage) -> None:
             file.write(f"P5\n{width} {height}\n255\n".encode())
             file.write(grey.data)
     except OSError as error:
-        raise SequenceError(
-            f"{path}: cannot write the image ({error.strerror}); check the folder and the disk"
+        raise MachineError(
+            f"{path}: cannot write the image ({error.strerror}); make room or choose another place with --cache-dir"
         ) from error

@@ -2,10 +2,12 @@
 
 import os
 import signal
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from gtf_tune.errors import RunError
 from gtf_tune.pipelines import OptionTable, Pipeline, PipelineJob, PipelineOutput, create_pipeline
 from gtf_tune.pipelines.analytic import imaginary_sequence
 from gtf_tune.pipelines.run import RunRequest
@@ -123,3 +125,53 @@ class Staged(_Double):
     def _built(self, stage: str) -> None:
         with self.note.open("a") as note:
             note.write(f"{stage}\n")
+
+
+@dataclass
+class Slow(_Double):
+    """Take a while for a stage that all runs share, and a while for the run itself."""
+
+    stage_s: float = 0.0
+    run_s: float = 0.0
+
+    def run(self, job: PipelineJob) -> PipelineOutput:
+        job.stages.reach("slow", "ab" * 32, lambda folder: time.sleep(self.stage_s))
+        self.note.write_text("begun")
+        time.sleep(self.run_s)
+        return analytic().run(job)
+
+
+@dataclass
+class Refusing(_Double):
+    """Refuse every run but the first, or all of them where the note exists; the note beside it counts the runs."""
+
+    pause_s: float = 0.0
+
+    def run(self, job: PipelineJob) -> PipelineOutput:
+        with self.note.with_suffix(".runs").open("a") as runs:
+            runs.write(f"{job.seed}\n")
+        time.sleep(self.pause_s)
+        if job.seed or self.note.exists():
+            raise RunError("it refuses")
+        return analytic().run(job)
+
+
+@dataclass
+class FillsItsDisk(_Double):
+    """Write a large file, and where the disk has no room for it fail in one of the ways in which programs do."""
+
+    how: str = "words"
+    size: int = 2**30
+
+    def run(self, job: PipelineJob) -> PipelineOutput:
+        large = job.workspace / "large"
+        try:
+            with large.open("wb") as file:
+                for _ in range(self.size // 2**16):
+                    file.write(b"x" * 2**16)
+        except OSError:
+            large.unlink()
+            if self.how == "abort":
+                os.abort()
+            raise (RunError if self.how == "words" else RuntimeError)("No registered database factory") from None
+        return analytic().run(job)

@@ -8,7 +8,7 @@ import pytest
 from gtf_tune.execution import Executor, InlineExecutor, RunLimits
 from gtf_tune.pipelines import Pipeline, RunOutcome
 from gtf_tune.trajectory import to_bytes
-from tests.execution.doubles import KilledFirst, analytic, failing, request_of
+from tests.execution.doubles import KilledFirst, Refusing, analytic, failing, request_of
 
 LIMITS = RunLimits(timeout_s=60.0, memory_bytes=2**30)
 WAIT_S = 60.0
@@ -40,22 +40,23 @@ class ExecutorContract:
         assert {"gtf_tune", "analytic", "python"} <= set(outcome.versions)
 
     @pytest.mark.parametrize(
-        ("failure", "reason"),
+        ("failure", "reason", "attempts"),
         [
-            ("error", "the analytic pipeline was told to fail"),
-            ("exception", "ZeroDivisionError: the analytic pipeline was told to break"),
-            ("exit", "exit code 3"),
-            ("abort", "SIGABRT"),
-            ("segfault", "SIGSEGV"),
+            ("error", "the analytic pipeline was told to fail", 1),
+            ("exception", "ZeroDivisionError: the analytic pipeline was told to break", 2),
+            ("exit", "exit code 3", 2),
+            ("abort", "SIGABRT", 2),
+            ("segfault", "SIGSEGV", 2),
         ],
     )
     def test_a_run_that_fails_is_an_outcome_and_the_next_one_works(
-        self, executor: Executor, failure: str, reason: str
+        self, executor: Executor, failure: str, reason: str, attempts: int
     ) -> None:
         outcome = outcome_of(executor, failing(failure))
 
         assert outcome.status == "failed"
         assert reason in outcome.error
+        assert (outcome.cause, outcome.attempts) == ("configuration", attempts)
         assert len(outcome.trajectory) == 0
         assert outcome_of(executor, analytic()).status == "ok"
 
@@ -83,7 +84,7 @@ class ExecutorContract:
     def test_a_run_that_was_killed_is_tried_again(self, executor: Executor, tmp_path: Path, by: int) -> None:
         outcome = outcome_of(executor, KilledFirst(tmp_path / "note", times=2, by=by))
 
-        assert outcome.status == "ok"
+        assert (outcome.status, outcome.attempts) == ("ok", 3)
         assert (tmp_path / "note").read_text() == "xxx"
 
     def test_a_run_that_is_always_killed_is_given_up(self, executor: Executor, tmp_path: Path) -> None:
@@ -91,3 +92,31 @@ class ExecutorContract:
 
         assert outcome.status == "failed"
         assert "killed 3 times" in outcome.error
+        assert outcome.cause == "configuration"
+
+    def test_a_run_that_someone_ends_again_and_again_is_a_failure_of_the_machine(
+        self, executor: Executor, tmp_path: Path
+    ) -> None:
+        outcome = outcome_of(executor, KilledFirst(tmp_path / "note", times=99, by=signal.SIGTERM))
+
+        assert (outcome.status, outcome.cause) == ("failed", "machine")
+
+    def test_a_run_that_dies_once_is_no_failure(self, executor: Executor, tmp_path: Path) -> None:
+        outcome = outcome_of(executor, KilledFirst(tmp_path / "note", times=1, by=signal.SIGABRT))
+
+        assert (outcome.status, outcome.attempts) == ("ok", 2)
+
+    @pytest.mark.parametrize(("broken", "cause"), [(False, "configuration"), (True, "machine")])
+    def test_a_failure_counts_where_what_is_known_to_work_works(
+        self, executor: Executor, tmp_path: Path, broken: bool, cause: str
+    ) -> None:
+        pipeline = Refusing(tmp_path / "note", name=f"refusing, {broken}")
+        if broken:
+            pipeline.note.touch()
+        known_good = request_of(pipeline, 0)
+
+        futures = [executor.submit(request_of(pipeline, index), LIMITS, known_good) for index in (1, 2)]
+        outcomes = [future.result(WAIT_S) for future in futures]
+
+        assert [(outcome.status, outcome.cause) for outcome in outcomes] == [("failed", cause)] * 2
+        assert ("cannot run what works elsewhere" in outcomes[0].error) == broken

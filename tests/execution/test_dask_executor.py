@@ -10,9 +10,9 @@ import pytest
 distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
 
 from gtf_tune.cli.executors import make_executor  # noqa: E402
-from gtf_tune.errors import DefinitionError, SequenceError, StorageError  # noqa: E402
+from gtf_tune.errors import DefinitionError, MachineError, SequenceError  # noqa: E402
 from gtf_tune.execution import InlineExecutor, RunLimits  # noqa: E402
-from gtf_tune.execution.dask.executor import DaskExecutor  # noqa: E402
+from gtf_tune.execution.dask.executor import DaskExecutor, elsewhere  # noqa: E402
 from gtf_tune.execution.dask.worker import DATA_ROOT_VARIABLE, checked_here  # noqa: E402
 from gtf_tune.sequence import load_sequence  # noqa: E402
 from gtf_tune.store.database import create_database  # noqa: E402
@@ -61,6 +61,13 @@ def test_a_lost_worker_costs_its_runs_only(
     assert {other.result(WAIT_S).status for other in others} == {"ok"}
 
 
+def test_a_run_that_failed_is_sent_to_another_host_where_there_is_one() -> None:
+    workers = ["tcp://10.0.0.1:4000", "tcp://10.0.0.1:4001", "tcp://10.0.0.2:4000"]
+
+    assert elsewhere(workers, {"tcp://10.0.0.1:4000"}) == ["tcp://10.0.0.2:4000"]
+    assert elsewhere(workers, {"tcp://10.0.0.1:4000", "tcp://10.0.0.2:4000"}) is None
+
+
 def test_what_no_worker_has_begun_can_be_cancelled(executor: DaskExecutor, tmp_path: Path) -> None:
     limits = RunLimits(timeout_s=2.0, memory_bytes=2**30)
     futures = [executor.submit(request_of(Hanging(tmp_path / "pid"), index), limits) for index in range(12)]
@@ -92,7 +99,7 @@ def test_a_scheduler_that_is_killed_is_one_sentence(tmp_path: Path, caplog: pyte
         future = executor.submit(request_of(analytic()), LIMITS)
         scheduler.kill()
         scheduler.wait()
-        with pytest.raises(StorageError, match=r"^the Dask scheduler at tcp://\S+ is gone; start it again"):
+        with pytest.raises(MachineError, match=r"^the Dask scheduler at tcp://\S+ is gone; start it again"):
             future.result(WAIT_S)
 
     logging.getLogger("distributed.client").removeHandler(caplog.handler)

@@ -11,11 +11,11 @@ from pathlib import Path
 import psutil
 import pytest
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import MachineError
 from gtf_tune.execution import Executor, LocalExecutor
 from gtf_tune.execution.paths import Scratch
 from gtf_tune.pipelines.run import RunOutcome
-from tests.execution.doubles import Hanging, Listening, analytic, request_of
+from tests.execution.doubles import Hanging, Listening, Refusing, analytic, request_of
 from tests.execution.executor_contract import LIMITS, WAIT_S, ExecutorContract, outcome_of
 
 HANGING_PARENT = """
@@ -41,6 +41,17 @@ def executor(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Executor]:
 
 class TestLocalExecutor(ExecutorContract):
     """Check the promises of every executor."""
+
+
+def test_nothing_more_is_run_where_another_run_succeeds_after_the_failure(executor: Executor, tmp_path: Path) -> None:
+    pipeline = Refusing(tmp_path / "note", name="refusing, then not", pause_s=0.5)
+    known_good = request_of(pipeline, 0)
+
+    futures = [executor.submit(request_of(pipeline, index), LIMITS, known_good) for index in (1, 2, 3, 0)]
+    outcomes = [future.result(WAIT_S) for future in futures]
+
+    assert [outcome.status for outcome in outcomes] == ["failed", "failed", "failed", "ok"]
+    assert sorted((tmp_path / "note.runs").read_text().split()) == ["0", "1", "2", "3"]
 
 
 @pytest.fixture
@@ -188,18 +199,19 @@ def test_a_folder_whose_owner_was_killed_before_it_locked_it_is_removed(tmp_path
 def test_a_place_that_cannot_be_written_to_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
 
-    with pytest.raises(StorageError, match="choose another place with --cache-dir"):
+    with pytest.raises(MachineError, match="choose another place with --cache-dir"):
         LocalExecutor(scratch=tmp_path / "file" / "scratch")
 
 
-def test_runs_end_with_one_sentence_where_their_folder_is_taken_away(tmp_path: Path) -> None:
+def test_runs_whose_folder_is_taken_away_are_failures_of_the_machine(tmp_path: Path) -> None:
     with LocalExecutor(jobs=1, scratch=tmp_path / "scratch") as executor:
         futures = [executor.submit(request_of(analytic(), index), LIMITS) for index in range(3)]
         shutil.rmtree(executor._scratch.folder)
 
-        for future in futures:
-            with pytest.raises(StorageError, match="choose another place with --cache-dir"):
-                future.result(timeout=WAIT_S)
+        outcomes = [future.result(timeout=WAIT_S) for future in futures]
+
+    assert {(outcome.status, outcome.cause) for outcome in outcomes} == {("failed", "machine")}
+    assert all("choose another place with --cache-dir" in outcome.error for outcome in outcomes)
 
 
 class ForgetfulPool:

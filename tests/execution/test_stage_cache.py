@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gtf_tune.errors import RunError, StorageError
+from gtf_tune.errors import MachineError, RunError
 from gtf_tune.execution import StageCache
 from gtf_tune.execution.stages import FreshStages
 
@@ -272,6 +272,6 @@ def test_a_place_that_cannot_be_written_to_is_one_sentence(tmp_path: Path) -> No
 
     with (
         StageCache(tmp_path / "file").open(Path()) as stages,
-        pytest.raises(StorageError, match=r"--cache-dir or work without it \(--no-cache\)"),
+        pytest.raises(MachineError, match=r"--cache-dir or work without it \(--no-cache\)"),
     ):
         stages.reach("features", key(1), Builder())

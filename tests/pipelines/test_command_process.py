@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from gtf_tune.errors import RunError
+from gtf_tune.errors import MachineError, RunError
 from gtf_tune.pipelines.command import process
 from gtf_tune.pipelines.command.cuda_lock import cuda_device, cuda_lock
 from gtf_tune.pipelines.command.process import ProgramExit, check_exit, run_program
@@ -138,12 +138,12 @@ def test_a_flood_of_output_is_cut_in_the_middle(tmp_path: Path) -> None:
 
 
 def test_a_program_that_cannot_start_is_an_error_with_its_reason(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match=r"cannot start /no/such/program: .*No such file"):
+    with pytest.raises(MachineError, match=r"cannot start /no/such/program: .*No such file"):
         run_program(["/no/such/program"], tmp_path, {}, tmp_path / "report.json")
 
 
 def test_a_program_without_its_folder_is_an_error_with_its_reason(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match=r"there is no folder .*nowhere to start it in; see 'working_folder'"):
+    with pytest.raises(MachineError, match=r"there is no folder .*nowhere to start it in; see 'working_folder'"):
         run_program([sys.executable], tmp_path / "nowhere", {}, tmp_path / "report.json")
 
 

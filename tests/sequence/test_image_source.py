@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gtf_tune.errors import SequenceError
+from gtf_tune.errors import MachineError, SequenceError
 from gtf_tune.sequence import ImageSource, Selection, load_sequence
 
 
@@ -90,7 +90,7 @@ def test_a_source_travels_to_another_process(sequence):
 
 
 def test_a_folder_that_cannot_be_written_to_is_named(sequence, tmp_path):
-    with pytest.raises(SequenceError, match=r"000000\.pgm: cannot write the image \(No such file"):
+    with pytest.raises(MachineError, match=r"000000\.pgm: cannot write the image \(No such file"):
         ImageSource(sequence).write(tmp_path / "missing")
 
 

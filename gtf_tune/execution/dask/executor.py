@@ -1,15 +1,16 @@
 """Run requests on the workers of a Dask cluster."""
 
 import threading
+from collections.abc import Iterable
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass, field
 from typing import Any, Self
 
-from gtf_tune.errors import DefinitionError, StorageError
+from gtf_tune.errors import DefinitionError, MachineError
+from gtf_tune.execution.attempt import failure
 from gtf_tune.execution.base import RunLimits
-from gtf_tune.execution.run_in_child import versions_of
+from gtf_tune.execution.retries import Retries
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
-from gtf_tune.trajectory import Trajectory
 
 _LOST_TRIES = 3
 _CONNECT_TIMEOUT_S = 15
@@ -18,11 +19,16 @@ _FAREWELL_S = 5
 
 @dataclass(eq=False)
 class _Item:
+    """A run that was submitted, from its first task to its outcome."""
+
     request: RunRequest
     limits: RunLimits
+    known_good: RunRequest | None = None
     future: "Future[RunOutcome]" = field(default_factory=Future)
     task: Any = None
-    tries: int = 0
+    losses: int = 0
+    retries: Retries = field(default_factory=Retries)
+    failed_on: set[str] = field(default_factory=set)
 
 
 class DaskExecutor:
@@ -30,7 +36,8 @@ class DaskExecutor:
 
     Requests and outcomes travel through Dask; no disk is shared. A run whose worker is lost is sent to another one by
     the scheduler. After ``allowed-failures`` losses Dask gives it up, and it is sent anew twice before it counts as
-    failed. A run in flight when the executor ends goes on to its end or time limit on its worker, unheeded.
+    failed. A run that fails without having said why is sent to a worker on another host, where there is one. A run in
+    flight when the executor ends goes on to its end or time limit on its worker; nobody reads its outcome.
 
     Parameters
     ----------
@@ -63,13 +70,15 @@ class DaskExecutor:
             self._client = Client(address, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise DefinitionError(
-                f"no Dask scheduler answers at {address}; start one with 'dask scheduler', or mend --executor"
+                f"no Dask scheduler answers at {address}; start one with 'dask scheduler', or correct --executor"
             ) from error
         self._client.register_plugin(RunHost(keep_stages=keep_stages), name=PLUGIN)
 
-    def submit(self, request: RunRequest, limits: RunLimits) -> "Future[RunOutcome]":
+    def submit(
+        self, request: RunRequest, limits: RunLimits, known_good: RunRequest | None = None
+    ) -> "Future[RunOutcome]":
         """Send a run; the future ends when the run does."""
-        item = _Item(request, limits)
+        item = _Item(request, limits, known_good)
         with self._lock:
             self._items.add(item)
             self._send(item)
@@ -95,9 +104,18 @@ class DaskExecutor:
     def _send(self, item: _Item) -> None:
         from gtf_tune.execution.dask.worker import run_on_worker
 
-        item.tries += 1
+        hosts = elsewhere(self._client.nthreads(), item.failed_on) if item.failed_on else None
         # pure=False: equal requests stay separate tasks, so that cancelling one leaves the other alone.
-        item.task = self._client.submit(run_on_worker, item.request, item.limits, self._versions, pure=False)
+        item.task = self._client.submit(
+            run_on_worker,
+            item.request,
+            item.limits,
+            item.known_good,
+            self._versions,
+            pure=False,
+            workers=hosts,
+            allow_other_workers=hosts is not None,
+        )
         item.task.add_done_callback(lambda done: self._finish(item, done))
 
     def _cancel(self, items: list[_Item]) -> None:
@@ -107,25 +125,34 @@ class DaskExecutor:
         self._client.cancel([item.task for item in items])
 
     def _finish(self, item: _Item, done: Any) -> None:
+        lost = self._is_lost(done)
         with self._lock:
             if item not in self._items:
                 return
-            if self._is_lost(done) and item.tries < _LOST_TRIES and not self._closed:
+            item.losses += lost
+            if not self._closed and (item.losses < _LOST_TRIES if lost else self._fails_again(item, done)):
                 self._send(item)
                 return
             self._items.discard(item)
-        self._settle(item, done)
+        self._settle(item, done, lost=lost)
 
-    def _settle(self, item: _Item, done: Any) -> None:
-        if self._is_lost(done):
+    @staticmethod
+    def _fails_again(item: _Item, done: Any) -> bool:
+        """Note where a run failed, and return whether it is to be tried again."""
+        if done.status != "finished":
+            return False
+        address, outcome = done.result()
+        item.failed_on.add(address)
+        return item.retries.wanted(outcome)
+
+    def _settle(self, item: _Item, done: Any, *, lost: bool) -> None:
+        if lost:
             item.future.set_result(_lost(item))
             return
         try:
-            item.future.set_result(done.result())
+            item.future.set_result(item.retries.settled(done.result()[1]))
         except CancelledError:
-            item.future.set_exception(
-                StorageError(f"the Dask scheduler at {self._address} is gone; start it again, then resume the study")
-            )
+            item.future.set_exception(MachineError(f"the Dask scheduler at {self._address} is gone; start it again"))
         except Exception as error:  # handed on to whoever asks the future, as every executor does
             item.future.set_exception(error)
 
@@ -136,10 +163,19 @@ class DaskExecutor:
         return done.status == "error" and isinstance(done.exception(), KilledWorker)
 
 
+def elsewhere(workers: Iterable[str], failed_on: Iterable[str]) -> list[str] | None:
+    """Return the addresses of workers on hosts where a run has not failed; ``None`` where there are none.
+
+    Addresses look like ``tcp://10.0.0.2:40331``.
+    """
+    hosts = {_host(address) for address in failed_on}
+    return [address for address in workers if _host(address) not in hosts] or None
+
+
+def _host(address: str) -> str:
+    return address.rpartition(":")[0]
+
+
 def _lost(item: _Item) -> RunOutcome:
-    return RunOutcome(
-        status="failed",
-        trajectory=Trajectory.empty(),
-        error=f"the run was lost with its Dask workers {item.tries} times, most likely for want of memory",
-        versions=versions_of(item.request),
-    )
+    reason = f"the run was lost with its Dask workers {item.losses} times, most likely for want of memory"
+    return failure(item.request, reason, "configuration")

@@ -1,4 +1,4 @@
-"""Do runs inside a worker of a Dask cluster: in child processes with limits, as everywhere else."""
+"""Execute runs inside a worker of a Dask cluster: in child processes with limits, as everywhere else."""
 
 import multiprocessing
 import os
@@ -26,7 +26,7 @@ _DECIDING_PACKAGES = ("gtf-tune", "pycolmap")
 
 
 class RunHost(WorkerPlugin):  # type: ignore[misc]  # distributed has no types
-    """Hold the executor and the sequences of one Dask worker; the worker's threads say how many runs go at a time."""
+    """The executor and the sequences of one Dask worker; its number of threads says how many runs go at a time."""
 
     def __init__(self, *, keep_stages: bool) -> None:
         self._keep_stages = keep_stages
@@ -38,15 +38,15 @@ class RunHost(WorkerPlugin):  # type: ignore[misc]  # distributed has no types
         multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
         folder = default_cache_folder()
         stages = StageCache(folder) if self._keep_stages else FreshStages()
-        self._executor = LocalExecutor(worker.state.nthreads, stages, scratch=folder / "scratch")
+        self._executor = LocalExecutor(worker.state.nthreads, stages, scratch=folder / "scratch", retry_elsewhere=True)
 
     def teardown(self, worker: Any) -> None:
         """Stop all runs; called by Dask when the worker ends."""
         del worker
         self._executor.__exit__(None, None, None)
 
-    def run(self, request: RunRequest, limits: RunLimits) -> RunOutcome:
-        """Do one run on the images that lie here.
+    def run(self, request: RunRequest, limits: RunLimits, known_good: RunRequest | None) -> RunOutcome:
+        """Execute one run on the images that lie here.
 
         Raises
         ------
@@ -57,11 +57,15 @@ class RunHost(WorkerPlugin):  # type: ignore[misc]  # distributed has no types
         key = sequence.fingerprint, sequence.root
         if key not in self._sequences:
             self._sequences[key] = checked_here(sequence)
-        return self._executor.submit(replace(request, sequence=self._sequences[key]), limits).result()
+        here = self._sequences[key]
+        check = replace(known_good, sequence=here) if known_good else None
+        return self._executor.submit(replace(request, sequence=here), limits, check).result()
 
 
-def run_on_worker(request: RunRequest, limits: RunLimits, versions: Mapping[str, str]) -> RunOutcome:
-    """Do one run where Dask has sent it.
+def run_on_worker(
+    request: RunRequest, limits: RunLimits, known_good: RunRequest | None, versions: Mapping[str, str]
+) -> tuple[str, RunOutcome]:
+    """Execute one run where Dask has sent it, and return the address of that worker with the outcome.
 
     Raises
     ------
@@ -77,8 +81,9 @@ def run_on_worker(request: RunRequest, limits: RunLimits, versions: Mapping[str,
                 f"the Dask worker on {platform.node()} has {package} {here[package]}, not {expected} as the study; "
                 "install the same version there"
             )
-    host: RunHost = get_worker().plugins[PLUGIN]
-    return host.run(request, limits)
+    worker = get_worker()
+    host: RunHost = worker.plugins[PLUGIN]
+    return str(worker.address), host.run(request, limits, known_good)
 
 
 def package_versions() -> dict[str, str]:

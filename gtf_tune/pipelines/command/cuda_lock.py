@@ -5,7 +5,7 @@ import fcntl
 import os
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 
@@ -16,8 +16,10 @@ def cuda_device() -> str:
 
 
 @contextlib.contextmanager
-def cuda_lock(device: str) -> Iterator[int]:
-    """Wait until no other run of this user has the device, and hold it.
+def cuda_lock(
+    device: str, waiting: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext
+) -> Iterator[int]:
+    """Wait until no other run of this user has the device, in the context that ``waiting`` opens, and hold it.
 
     Yields the descriptor of the lock's file. The lock lasts until the context ends *and* every process that inherited
     the descriptor is gone; the kernel frees the lock of killed processes.
@@ -25,7 +27,8 @@ def cuda_lock(device: str) -> Iterator[int]:
     path = Path(tempfile.gettempdir(), f"gtf-tune-{os.getuid()}-cuda-{device}.lock")
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        with waiting():
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
         yield descriptor
     finally:
         os.close(descriptor)

@@ -9,7 +9,7 @@ from typing import Any
 
 import cv2
 
-from gtf_tune.errors import DefinitionError, RunError, SequenceError
+from gtf_tune.errors import DefinitionError, MachineError, RunError
 from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.command.camera import camera_values
 from gtf_tune.pipelines.command.definition import CommandDefinition, FileDefinition, ImagesDefinition, Scalar
@@ -126,7 +126,7 @@ def _write_images(folder: Path, job: PipelineJob, names: tuple[str, ...]) -> Non
     for name, frame in zip(names, job.images.sequence.frames, strict=True):
         path = folder / name
         if not cv2.imwrite(str(path), job.images.read(frame)):
-            raise SequenceError(f"{path}: cannot write the image; check the folder and the disk")
+            raise MachineError(f"{path}: cannot write the image; make room or choose another place with --cache-dir")
 
 
 def _link(link: Path, target: Path) -> None:

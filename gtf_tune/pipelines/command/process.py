@@ -1,5 +1,6 @@
-"""Start a program so that nothing of it outlives the run, and tell how it ended."""
+"""Start a program so that nothing of it outlives the run, and report how it ended."""
 
+import errno
 import json
 import os
 import resource
@@ -11,7 +12,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from gtf_tune.errors import RunError
+from gtf_tune.errors import MachineError, RunError
 
 LOG_LIMIT_BYTES = 5 * 10**6
 """What one program may add to the log of a run; the middle of more than that is left out."""
@@ -24,7 +25,7 @@ _GB = 10**9
 
 @dataclass(frozen=True)
 class ProgramExit:
-    """Hold how a program ended: a negative ``exit_code`` is the signal that killed it."""
+    """How a program ended: a negative ``exit_code`` is the signal that killed it."""
 
     exit_code: int
     last_line: str
@@ -47,18 +48,22 @@ def run_program(
 
     Raises
     ------
+    MachineError
+        The program cannot be started, or there is no such folder.
     RunError
-        The program or its folder cannot be used, or its supervisor was killed.
+        The program cannot be given such arguments, or its supervisor was killed.
     """
     if not (folder.is_dir() and os.access(folder, os.X_OK)):
-        raise RunError(f"cannot start {arguments[0]}: there is no folder {folder} to start it in; see 'working_folder'")
+        raise MachineError(
+            f"cannot start {arguments[0]}: there is no folder {folder} to start it in; see 'working_folder'"
+        )
     started = time.perf_counter()
     inherited = {name: value for name, value in os.environ.items() if not name.startswith(_OWN_VARIABLES)}
     sys.stdout.flush()
     lifeline, held_end = os.pipe()
     try:
         ended = subprocess.run(
-            [sys.executable, "-I", "-S", str(_SUPERVISOR), str(report), str(LOG_LIMIT_BYTES), *arguments],
+            [sys.executable, "-I", "-S", str(_SUPERVISOR), str(report.absolute()), str(LOG_LIMIT_BYTES), *arguments],
             stdin=lifeline,
             stdout=1,
             stderr=2,
@@ -79,7 +84,7 @@ def check_exit(name: str, ended: ProgramExit, accepted: Collection[int] = (0,)) 
     if ended.exit_code in accepted:
         return
     words = f"; its last words: {ended.last_line}" if ended.last_line else ""
-    raise RunError(f"{name} {_how(ended)}{_memory(ended)}{words}")
+    raise RunError(f"{name} {_how(ended)}{_memory(ended)}{words}", died_of=max(0, -ended.exit_code))
 
 
 def _how(ended: ProgramExit) -> str:
@@ -103,7 +108,10 @@ def _read_report(report: Path, program: str, supervisor_code: int, wall_s: float
     try:
         content = json.loads(report.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise RunError(f"the supervisor of {program} was killed (exit code {supervisor_code})") from error
+        killed = f"the supervisor of {program} was killed (exit code {supervisor_code})"
+        raise RunError(killed, died_of=signal.SIGKILL) from error
     if "cannot_start" in content:
-        raise RunError(f"cannot start {program}: {content['cannot_start']}")
+        # Only arguments that are too long or hold a null character can be the configuration's fault.
+        fault = RunError if content["errno"] in (0, errno.E2BIG) else MachineError
+        raise fault(f"cannot start {program}: {content['cannot_start']}")
     return ProgramExit(wall_s=wall_s, **content)

@@ -106,7 +106,7 @@ class StepRun:
         arguments = _started_anywhere(filled_arguments(step.arguments, values, words))
         sys.stdout.write(f"+ {shlex.join(arguments)}\n")
         with contextlib.ExitStack() as held, self.clock.timing(step.name):
-            locks = [held.enter_context(cuda_lock(cuda_device()))] if definition.gpu else []
+            locks = [held.enter_context(cuda_lock(cuda_device(), self.job.waiting))] if definition.gpu else []
             ended = run_program(
                 arguments,
                 Path(filled(definition.working_folder, values, words)),

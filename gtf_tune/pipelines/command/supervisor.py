@@ -95,7 +95,8 @@ def main(arguments: list[str]) -> int:
             preexec_fn=_die_with(os.getpid()),
         )
     except (OSError, ValueError) as error:
-        report.write_text(json.dumps({"cannot_start": str(error)}), encoding="utf-8")
+        fault = {"cannot_start": str(error), "errno": getattr(error, "errno", 0)}
+        report.write_text(json.dumps(fault), encoding="utf-8")
         return _CANNOT_START
     code = _watch(process, log)
     kill_descendants()

@@ -64,7 +64,7 @@ class DroidSlamPipeline:
         outcome_path = job.workspace / "outcome.json"
         (job.workspace / "job.json").write_text(json.dumps(self._job(job, images, outcome_path)), encoding="utf-8")
         waiting_since = time.perf_counter()
-        with cuda_lock(cuda_device()) as lock:
+        with cuda_lock(cuda_device(), job.waiting) as lock:
             waited_s = time.perf_counter() - waiting_since
             ended = run_program(
                 [str(self.python), str(_DRIVER), str(job.workspace / "job.json")],

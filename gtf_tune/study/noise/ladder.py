@@ -143,6 +143,7 @@ def fresh_runs(
         found = []
         for request, future in [(request, executor.submit(request, limits)) for request in requests]:
             outcome = future.result()
+            outcome.raise_for_machine()
             on_run(request, outcome)
             found.append((request.kind, outcome.trajectory, outcome.error))
         return sequence_runs(found, len(requests[0].sequence))

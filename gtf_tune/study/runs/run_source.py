@@ -106,6 +106,7 @@ class _Batch:
             return
         if outcome.status != "ok" and self.source.stop.level:
             return  # whoever stops us, as batch systems and systemd do, may have ended the run too
+        outcome.raise_for_machine()
         request = self.requests[place]
         key = request.key if outcome.status == "ok" else failed_key(request, self.source.limits)
         stored = runs.save(self.source.database, request, outcome, key)

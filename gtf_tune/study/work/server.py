@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from gtf_tune.errors import DeletedError, GtfTuneError, StorageError
+from gtf_tune.errors import DeletedError, GtfTuneError, MachineError, StorageError
 from gtf_tune.execution import Executor
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
@@ -83,8 +83,8 @@ class WorkerLoop:
 
         Raises
         ------
-        StorageError
-            The database or this machine's disk is at fault.
+        StorageError, MachineError
+            The database is at fault, or this machine.
         """
         idle_since, pause_s = time.monotonic(), _FIRST_PAUSE_S
         while not self.stop.level:
@@ -130,7 +130,7 @@ class WorkerLoop:
             self.announce(f"study '{record.name}' was deleted; its trial in work is dropped")
             self._opened.pop(record.id, None)
             return False
-        except StorageError:
+        except (StorageError, MachineError):
             raise
         except GtfTuneError as error:
             self._refuse(record, self.describe(error))
