@@ -10,7 +10,7 @@ from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.image_formats import CLASSIC_SUFFIXES, IMAGE_SUFFIXES
 from gtf_tune.sequence.images import image_size
-from gtf_tune.sequence.layouts.base import Layout, Reading, Recording
+from gtf_tune.sequence.layouts.base import Layout, Reading, Recording, naming
 from gtf_tune.sequence.layouts.registry import AUTO, find_layout
 from gtf_tune.sequence.selection import Selection
 from gtf_tune.sequence.shared_camera import SharedCamera, shared_camera
@@ -72,7 +72,8 @@ def load_sequence(
     _require(fewest, frames, recording, root)
     stored = _common_size(frames)
     known = shared.camera if isinstance(camera, str) else camera
-    fitted = known.fitted(*stored) if known else None
+    with naming(root):
+        fitted = known.fitted(*stored) if known else None
     width, height = selection.image_size(*stored)
     return Sequence(
         name=name or root.name,

@@ -12,6 +12,7 @@ from gtf_tune.sequence.image_formats import is_image
 from gtf_tune.sequence.layouts.base import Intrinsics, Layout, Notes, Reading, Recording, naming, one_camera
 from gtf_tune.sequence.layouts.colmap_cameras import ModelCameras
 from gtf_tune.sequence.layouts.folder import counted_frames
+from gtf_tune.sequence.layouts.ground_truth import check_near
 from gtf_tune.sequence.layouts.listed import find_listed
 from gtf_tune.trajectory import Trajectory, read_trajectory
 from gtf_tune.trajectory.colmap import read_camera_ids
@@ -55,6 +56,7 @@ def _read(root: Path, _: Reading) -> Recording:
     model, camera_ids, notes = _largest(models, root)
     with naming(model):
         registered = read_trajectory(model, format="colmap")
+        check_near(registered.positions, model)
     images = _images(_image_folder(root, registered.names), registered.names, model)
     frames = counted_frames(images.values())
     files = tuple(

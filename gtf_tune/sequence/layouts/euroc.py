@@ -22,7 +22,7 @@ from gtf_tune.sequence.layouts.base import (
     one_camera,
 )
 from gtf_tune.sequence.layouts.fields import Field, read_yaml
-from gtf_tune.sequence.layouts.ground_truth import Notes, poses_by_timestamp
+from gtf_tune.sequence.layouts.ground_truth import Notes, check_near, poses_by_timestamp
 from gtf_tune.sequence.layouts.listed import find_listed
 from gtf_tune.sequence.layouts.tables import read_rows, to_nanoseconds
 from gtf_tune.sequence.value import Frame
@@ -110,6 +110,7 @@ def _body_from_camera(sensor: Path) -> NDArray[np.float64]:
         is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < _ROTATION_TOLERANCE
     if not (np.isfinite(matrix).all() and is_rotation and np.linalg.det(rotation) > 0):
         raise data.fault("a rotation and a translation")
+    check_near(matrix[:3, 3], sensor)
     return matrix
 
 

@@ -31,7 +31,7 @@ def poses_by_timestamp(frames: Frames, poses: Trajectory, source: Path) -> tuple
     ground_truth, notes
         The poses under their frames' ids and timestamps, or ``None`` and a note if no frame has one.
     """
-    _refuse_far(poses, source)
+    check_near(poses.positions, source)
     everywhere = _trajectory(
         frames, np.arange(len(frames)), np.zeros((len(frames), 3)), _UPRIGHT.repeat(len(frames), 0)
     )
@@ -52,7 +52,7 @@ def poses_by_line(frames: Frames, poses: Trajectory, source: Path) -> tuple[Traj
     ground_truth, notes
         The poses under their frames' ids and timestamps, or ``None`` and a note where nothing says whose they are.
     """
-    _refuse_far(poses, source)
+    check_near(poses.positions, source)
     counts = f"{source.name} has {len(poses)} poses for {len(frames)} images"
     if len(frames) == len(poses):
         return _trajectory(frames, np.arange(len(frames)), poses.positions, poses.quaternions), ()
@@ -95,9 +95,9 @@ def _are_poses(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
     return answer
 
 
-def _refuse_far(poses: Trajectory, source: Path) -> None:
-    """Raise `SequenceError` for positions that no distance can be computed from."""
-    if np.abs(poses.positions).max(initial=0.0) >= _FARTHEST:
+def check_near(positions: NDArray[np.float64], source: Path) -> None:
+    """Raise `SequenceError` for positions (..., 3) that no distance can be computed from."""
+    if np.abs(positions).max(initial=0.0) >= _FARTHEST:
         raise SequenceError(f"{source}: expected positions of a camera, found one beyond {_FARTHEST:g}; check the file")
 
 

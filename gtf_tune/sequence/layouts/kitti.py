@@ -20,7 +20,7 @@ from gtf_tune.sequence.layouts.base import (
     one_camera,
 )
 from gtf_tune.sequence.layouts.folder import list_images
-from gtf_tune.sequence.layouts.ground_truth import Notes, poses_by_line
+from gtf_tune.sequence.layouts.ground_truth import Notes, check_near, poses_by_line
 from gtf_tune.sequence.layouts.tables import read_numbers, read_rows, to_numbers
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
@@ -90,6 +90,7 @@ def _read_projection(path: Path, name: str) -> NDArray[np.float64]:
             matrix = np.array(to_numbers(fields[1:], path, line)).reshape(3, 4)
             with naming(path):
                 check_calibration_matrix(matrix[:, :3])
+                check_near(matrix[:, 3], path)
             return matrix
     raise SequenceError(f"{path}: expected a line '{name}:' with 12 numbers, found none; {GIVE_THE_CAMERA}")
 

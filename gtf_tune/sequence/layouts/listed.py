@@ -27,6 +27,8 @@ def find_listed(folder: Path, name: str, source: Path) -> Path:
         return exact
     parts = PureWindowsPath(name).parts if "\\" in name else PurePosixPath(name).parts
     relative = [part for part in parts if part != PureWindowsPath(name).anchor and part != "/"]
+    if exact.is_dir():
+        raise SequenceError(f"{source}: expected the name of an image, found that of a folder; check the file")
     tails = (folder.joinpath(*relative[start:]) for start in range(len(relative)))
     return next((path for path in tails if _is_file(path)), exact)
 

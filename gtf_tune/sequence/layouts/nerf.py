@@ -18,8 +18,8 @@ from gtf_tune.sequence.layouts.nerf_lens import CAMERA_KEYS, lens_camera
 
 _NAMES = ("transforms.json", "transforms_train.json")
 
-# From OpenGL's camera axes (right, up, backward) to OpenCV's (right, down, forward).
-_OPENGL_FROM_OPENCV = np.diag([1.0, -1, -1, 1])
+# Signs of the columns: from OpenGL's camera axes (right, up, backward) to OpenCV's (right, down, forward).
+_OPENGL_FROM_OPENCV = np.array([1.0, -1, -1, 1])
 
 # What trains or draws a radiance field, and bears neither on camera nor on poses.
 _OTHER_KEYS = frozenset(
@@ -76,7 +76,7 @@ def _read(root: Path, _: Reading) -> Recording:
     return Recording(
         frames,
         read_intrinsics,
-        poses_from_matrices(frames, matrices @ _OPENGL_FROM_OPENCV, path),
+        poses_from_matrices(frames, matrices * _OPENGL_FROM_OPENCV, path),
         has_timestamps=False,
         notes=_unread(values, entries),
         files=(path,),
