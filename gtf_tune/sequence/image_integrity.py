@@ -1,8 +1,10 @@
 """Find images whose files are cut off or damaged, which decoders fill with grey and report as read."""
 
 import io
+import re
 import struct
 import warnings
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -21,7 +23,11 @@ _JPEG_END = b"\xff\xd9"
 _JPEG_SCAN = 0xDA
 _JPEG_KEPT = 0xEE  # Adobe's segment says what the channels are
 _TIFF = (b"II*\x00", b"MM\x00*")
-_TIFF_CHECKED = frozenset({"tiff_lzw", "tiff_adobe_deflate", "tiff_deflate", "packbits"})
+_TIFF_CHECKED = frozenset({"tiff_lzw", "packbits"})
+_TIFF_DEFLATED = frozenset({"tiff_adobe_deflate", "tiff_deflate"})
+_TIFF_PLACES = ((273, 279), (324, 325))  # offsets and lengths of strips and of tiles
+_EXTRA_BYTES = re.compile(r"(\d+) extraneous bytes")
+_FEW_BYTES = 8
 _LEAVE_OUT = "replace the file, or leave it out with exclude"
 
 
@@ -88,9 +94,17 @@ def _jpeg_fault(data: bytes) -> str:
         simplejpeg.decode_jpeg(_pixels_only(data), "GRAY", min_height=1, min_width=1, min_factor=8)
     except ValueError as error:
         fault = str(error)
-        # Some cameras write a few bytes too many behind each image; all pixels are there.
-        return "" if "extraneous bytes" in fault or "Corrupt JPEG data" not in fault else fault
+        return fault if "Corrupt JPEG data" in fault and not _only_padded(data, fault) else ""
     return ""
+
+
+def _only_padded(data: bytes, fault: str) -> bool:
+    """Return whether there are just bytes too many behind the pixels, as some cameras write them."""
+    found = _EXTRA_BYTES.search(fault)
+    if found is None:
+        return False
+    count, end = int(found[1]), data.rfind(_JPEG_END)
+    return count <= _FEW_BYTES or len(set(data[max(0, end - count) : end])) == 1
 
 
 def _pixels_only(data: bytes) -> bytes:
@@ -107,14 +121,28 @@ def _pixels_only(data: bytes) -> bytes:
     return data[:2] + b"".join(kept)
 
 
+def _deflate_fault(image: Image.Image, data: bytes) -> str:
+    """Return what zlib says of the strips or tiles of a TIFF image; libtiff does not look at their checksums."""
+    tags = getattr(image, "tag_v2", {})
+    for offsets, lengths in _TIFF_PLACES:
+        for at, length in zip(tags.get(offsets, ()), tags.get(lengths, ()), strict=False):
+            try:
+                zlib.decompress(data[at : at + length])
+            except zlib.error as error:
+                return str(error)
+    return ""
+
+
 def _tiff_fault(data: bytes) -> str:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             image = Image.open(io.BytesIO(data))
-            if image.info.get("compression") not in _TIFF_CHECKED:
-                return ""
-            image.load()
+            compression = image.info.get("compression")
+            if compression in _TIFF_DEFLATED:
+                return _deflate_fault(image, data)
+            if compression in _TIFF_CHECKED:
+                image.load()
     except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError):
         return ""  # none that Pillow knows; OpenCV decides
     except (OSError, ValueError, EOFError) as error:

@@ -137,7 +137,7 @@ def _common_size(frames: tuple[Frame, ...]) -> tuple[int, int]:
         if size != first:
             raise SequenceError(
                 f"{frame.path}: expected {first[0]}x{first[1]} pixels like {frames[0].path.name}, not "
-                f"{size[0]}x{size[1]}; a sequence comes from one camera: resize or remove the image"
+                f"{size[0]}x{size[1]}; a sequence comes from one camera: resize the image, or leave it out with exclude"
             )
     return first
 
