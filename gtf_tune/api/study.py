@@ -17,10 +17,12 @@ from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
+from gtf_tune.store.enqueued import numbers_of
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import stored_definition
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.edit import Extension, extend_study
+from gtf_tune.study.enqueue import enqueue
 from gtf_tune.study.events import Callback, Event, summary
 from gtf_tune.study.open_study import OpenStudy, defined_budget, open_study
 from gtf_tune.study.outcome.confirm import DEFAULT_RUNS, DEFAULT_TOP, confirm, plan_confirmation
@@ -115,8 +117,8 @@ class Study:
         Parameters
         ----------
         trials
-            Total number of trials, nominal included, which becomes that of the study; by default what it has. Where as
-            many are there already, nothing is run.
+            Total number of trials, nominal and enqueued ones included, which becomes that of the study; by default what
+            it has. Where as many are there already, no further one begins.
         jobs
             How many runs go side by side; by default one for each core.
         trial_parallel
@@ -168,6 +170,21 @@ class Study:
                 return confirm(study, plan, source)
             except Interrupted:
                 raise KeyboardInterrupt from None
+
+    def enqueue(self, options: Mapping[str, object]) -> int:
+        """Append a trial with these options, raise the total by one, and return its number; `run` takes it up next.
+
+        Parameters
+        ----------
+        options
+            Values of searched options; those that are not named have their nominal values.
+
+        Raises
+        ------
+        OptionError
+            There is no such option, or the value lies outside of what is searched.
+        """
+        return enqueue(self._database, self.name, options)
 
     @property
     def best(self) -> BestTrial:
@@ -256,8 +273,9 @@ class Study:
     def _set_budget(self, total: int) -> None:
         record = studies.get(self._database, self.name)
         known = sum(trials.counts(self._database, record.id).values())
-        if total > known and total != defined_budget(stored_definition(record)):
-            extend_study(self._database, self.name, Extension(trials=total))
+        wanted = max(total, known, 1)
+        if wanted != defined_budget(stored_definition(record)) + len(numbers_of(record.resolved)):
+            extend_study(self._database, self.name, Extension(trials=wanted))
 
     def _open(self) -> OpenStudy:
         """Return the study ready for work; opened again only where it changed, since that reads all images."""

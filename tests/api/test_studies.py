@@ -52,6 +52,25 @@ def test_trials_are_the_total_and_more_of_them_go_on(folder: Path, here: list[In
     assert study.definition.search.trials == 5
 
 
+def test_fewer_trials_than_there_are_begin_no_other(folder: Path, here: list[InlineExecutor]) -> None:
+    """The study would go on to its 50 trials."""
+    study = analytic().run(2)
+
+    assert len(study.run(1).trials) == 2
+
+
+def test_enqueued_trials_are_tried_next_and_count(folder: Path, here: list[InlineExecutor]) -> None:
+    study = analytic().run(2)
+
+    number = study.enqueue({"filter.max_error": 0.002})
+
+    assert number == 2
+    assert [trial.options["filter.max_error"] for trial in study.run(4).trials][2] == 0.002
+    assert len(study.trials) == 4
+    with pytest.raises(gtf.GtfTuneError, match="cannot try these options"):
+        study.enqueue({"filter.max_error": 0.5})
+
+
 def test_a_study_of_python_is_that_of_a_definition(folder: Path, here: list[InlineExecutor]) -> None:
     """The same study from the command line has the same digest."""
     from gtf_tune.store.database import create_database
