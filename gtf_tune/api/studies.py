@@ -334,7 +334,10 @@ def _refuse_other(study: Study, plan: _Plan) -> None:
     """Raise `DefinitionError` where a stored study has other images, another pipeline or another space."""
     known, space = study.definition, plan.data["space"]
     parts = {
-        "sequences": ([one.path for one in known.sequences], [one["path"] for one in plan.data["sequences"]]),
+        "sequences": (
+            [defined.path for defined in known.sequences],
+            [given["path"] for given in plan.data["sequences"]],
+        ),
         "pipeline": (known.pipeline.name, plan.data["pipeline"]["name"]),
         "space": (known.space, {option: _AXIS.validate_python(axis) for option, axis in space.items()}),
     }

@@ -168,7 +168,8 @@ def _arguments(function: Any) -> int:
     except (TypeError, ValueError):
         return 1
     positional = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    return sum(one.kind in positional and one.default is inspect.Parameter.empty for one in parameters)
+    required = [parameter for parameter in parameters if parameter.default is inspect.Parameter.empty]
+    return sum(parameter.kind in positional for parameter in required)
 
 
 def _refuse(target: str, settings: Mapping[str, object], known: frozenset[str]) -> None:
