@@ -42,7 +42,7 @@ def _rows(table: str) -> dict[str, list[str]]:
 
 def test_rescore_marks_trials_that_were_stopped_early(tuned: Cli, tmp_path: Path) -> None:
     with contextlib.closing(sqlite3.connect(tmp_path / "gtf-tune.db", isolation_level=None)) as database:
-        database.execute("UPDATE gtf_trial SET state = 'pruned' WHERE number = 1")
+        database.execute("UPDATE gtf_trial SET state = 'pruned' WHERE ordinal = 1")
 
     shown = tuned("study", "rescore", "small").out
 

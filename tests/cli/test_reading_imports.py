@@ -8,7 +8,7 @@ from tests.cli.conftest import Cli
 from tests.cli.test_study_commands import AXIS, CREATE
 
 # Each takes about as long to import as a study of 10,000 trials takes to be listed, or longer.
-HEAVY = ("alembic", "cv2", "optuna", "plotly", "pycolmap", "scipy")
+HEAVY = ("alembic", "cv2", "numpy", "optuna", "plotly", "pycolmap", "scipy")
 READING = (
     ("list",),
     ("show", "small"),
