@@ -54,7 +54,7 @@ def test_the_dashboard_serves_what_the_sync_wrote(own_database: Database, server
     artifact = next(one for one in trial["artifacts"] if one["filename"] == "walk.svg")
 
     assert study["objective_names"] == ["GTF ATE / extent"]
-    assert "improvement on nominal" in trial["note"]["body"]
+    assert "against nominal -38.0 % (95 % interval " in trial["note"]["body"]
     assert get(server, f"/artifacts/1/{trial['trial_id']}/{artifact['artifact_id']}")[1].startswith("<svg")
 
 
@@ -127,7 +127,7 @@ def test_an_address_that_others_reach_is_warned_of(own_database: Database, monke
 
     serve_dashboard(own_database, "0.0.0.0", 0, announce=said.append, open_browser=False)
 
-    assert said[0].startswith("warning: whoever reaches 0.0.0.0 can change and delete studies")
+    assert said[0].startswith("warning: anybody who can reach 0.0.0.0 can change and delete studies")
 
 
 def test_files_lie_beside_a_sqlite_file_unless_a_folder_is_given(own_database: Database, tmp_path: Path) -> None:
