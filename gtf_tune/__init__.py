@@ -7,14 +7,13 @@ from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from gtf_tune.version import __version__
-
 if TYPE_CHECKING:
     from gtf_tune.api.studies import create_study, evaluate, open_study, tune
     from gtf_tune.api.study import Study
     from gtf_tune.api.trajectories import gtf_ate, load_trajectories
     from gtf_tune.errors import GtfTuneError
     from gtf_tune.trajectory.value import Trajectory
+    from gtf_tune.version import __version__
 
 __all__ = [
     "GtfTuneError",
@@ -34,6 +33,7 @@ _MODULES = MappingProxyType(
         "GtfTuneError": "gtf_tune.errors",
         "Study": "gtf_tune.api.study",
         "Trajectory": "gtf_tune.trajectory.value",
+        "__version__": "gtf_tune.version",
         "create_study": "gtf_tune.api.studies",
         "evaluate": "gtf_tune.api.studies",
         "gtf_ate": "gtf_tune.api.trajectories",

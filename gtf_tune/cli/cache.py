@@ -6,17 +6,14 @@ import typer
 
 from gtf_tune.cli.parameters import CacheDir, Json
 from gtf_tune.cli.terminal.console import say, write_json, write_table
-from gtf_tune.cli.terminal.grouping import GroupedCommands
 
 if TYPE_CHECKING:
     from gtf_tune.execution import StageCache
 
-app = typer.Typer(cls=GroupedCommands, help="Look at the stage cache, and make room.", no_args_is_help=True)
 _MIB = 2**20
 _GIB = 2**30
 
 
-@app.command("info")
 def info(cache_dir: CacheDir = None, json: Json = False) -> None:
     """Show what the stage cache holds.
 
@@ -33,7 +30,6 @@ def info(cache_dir: CacheDir = None, json: Json = False) -> None:
     say(f"cache: {found.folder} (limit {found.limit_bytes / _GIB:g} GiB)")
 
 
-@app.command("prune")
 def prune(
     limit_gb: Annotated[float, typer.Option("--limit-gb", min=0, help="Keep at most this much.")] = 20.0,
     cache_dir: CacheDir = None,
@@ -46,7 +42,6 @@ def prune(
     say(f"freed {freed / _MIB:.1f} MiB")
 
 
-@app.command("clear")
 def clear(cache_dir: CacheDir = None) -> None:
     """Drop every stage that no run uses.
 

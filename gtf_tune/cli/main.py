@@ -1,29 +1,156 @@
-"""Assemble the command line and hold its only error boundary."""
+"""The command line: every command with what it does, and the only error boundary."""
 
 import sys
 from typing import Annotated
 
 import typer
 
-from gtf_tune.cli import cache, metric, pipeline, sequence, storage
-from gtf_tune.cli.dashboard import dashboard
-from gtf_tune.cli.demo import demo
-from gtf_tune.cli.doctor import doctor
-from gtf_tune.cli.evaluate import evaluate
-from gtf_tune.cli.noise import noise
 from gtf_tune.cli.remedies import with_remedy
 from gtf_tune.cli.storage_access import close_storages
-from gtf_tune.cli.study.app import app as study_app
-from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE
-from gtf_tune.cli.terminal.console import say, write_line
-from gtf_tune.cli.terminal.grouping import GroupedCommands
+from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, say, write_line
+from gtf_tune.cli.terminal.grouping import CommandGroup, Entry
 from gtf_tune.cli.terminal.streams import ready_streams
-from gtf_tune.cli.worker import worker
 from gtf_tune.errors import GtfTuneError
+
+_STUDY = {
+    "create": Entry("Work", "Create a study; flags replace what the definition file says.", "study.create:create"),
+    "run": Entry("Work", "Work on a study until its trials are done; goes on where it stopped.", "study.run:run"),
+    "resume": Entry("Work", "Go on with a study, after saying what is done and what is left.", "study.run:resume"),
+    "confirm": Entry(
+        "Work", "Run nominal and the best trials on fresh noise, and say which to adopt.", "study.confirm:confirm"
+    ),
+    "pause": Entry("Work", "Let every worker finish its trial of a study and take no new one.", "study.state:pause"),
+    "stop": Entry(
+        "Work", "Let every worker finish its runs in flight, keep them, and leave a study.", "study.state:stop"
+    ),
+    "extend": Entry(
+        "Manage",
+        "Give a study more trials or wider ranges; what would make trials incomparable needs a new name.",
+        "study.edit:extend",
+    ),
+    "enqueue": Entry(
+        "Manage",
+        "Let a study try options that you name, a colleague's perhaps; its number of trials rises by one.",
+        "study.edit:enqueue",
+    ),
+    "list": Entry("Look", "List the studies of a storage.", "study.listing:list_studies"),
+    "show": Entry(
+        "Look", "Show a study: what is tuned, on what, its trials, and which of them to use.", "study.show:show"
+    ),
+    "best": Entry("Look", "Print which options to use, how sure that is, and why.", "study.best:best"),
+    "rescore": Entry(
+        "Look",
+        "Show how the trials would rank under another score or error against ground truth, from stored trajectories.",
+        "study.rescore:rescore",
+    ),
+    "export": Entry(
+        "Look",
+        "Write the options to use as a COLMAP project file, flags or JSON; all trials as CSV; trajectories as TUM "
+        "files.",
+        "study.export:export",
+    ),
+    "report": Entry(
+        "Look", "Write everything about a study as one HTML page that works offline.", "study.report:report"
+    ),
+    "watch": Entry(
+        "Look",
+        "Follow a study that others work on, a line for every trial that ends, until it is done.",
+        "study.report:watch",
+    ),
+    "delete": Entry(
+        "Manage", "Delete a study with its trials, and the runs that no other study uses.", "study.delete:delete"
+    ),
+}
+_PIPELINE = {
+    "list": Entry("Commands", "List the pipelines that can be tuned here.", "pipeline:list_pipelines"),
+    "options": Entry(
+        "Commands", "Print every tunable option of a pipeline: name, type, default, meaning.", "pipeline:options"
+    ),
+    "presets": Entry("Commands", "Print what is searched on a pipeline when nobody says, and why.", "pipeline:presets"),
+}
+_SEQUENCE = {
+    "inspect": Entry("Commands", "Print what a data set holds, and warn of what will hurt.", "sequence:inspect"),
+    "layouts": Entry(
+        "Commands", "Say which data sets are understood, what to download and where to put it.", "sequence:layouts"
+    ),
+    "extract": Entry(
+        "Commands", "Take frames out of a video, the sharpest of each period unless told otherwise.", "sequence:extract"
+    ),
+    "render": Entry("Commands", "Render a textured room with exact ground truth.", "sequence:render"),
+}
+_METRIC = {
+    "ate": Entry("Commands", "Print the absolute trajectory error over matched positions.", "metric:ate"),
+    "rpe": Entry("Commands", "Print the relative pose error over pairs of poses.", "metric:rpe"),
+    "gtf": Entry("Commands", "Print the ground-truth-free score of trajectories that any program made.", "metric:gtf"),
+}
+_STORAGE = {
+    "check": Entry(
+        "Commands",
+        "Check tables, orphans and the digest of every trajectory; exit with 1 if something is wrong.",
+        "storage:check",
+    ),
+    "upgrade": Entry(
+        "Commands", "Bring the tables of an older storage to this version; make a backup first.", "storage:upgrade"
+    ),
+    "copy": Entry(
+        "Commands",
+        "Copy a study with all trials, runs, trajectories and notes, and verify the copy by its digest.",
+        "storage:copy",
+    ),
+    "digest": Entry(
+        "Commands",
+        "Print the digest of what a study found: equal digests mean equal trials, scores and trajectories.",
+        "storage:digest",
+    ),
+}
+_CACHE = {
+    "info": Entry("Commands", "Show what the stage cache holds.", "cache:info"),
+    "prune": Entry("Commands", "Drop the least recently used stages until the rest fits.", "cache:prune"),
+    "clear": Entry("Commands", "Drop every stage that no run uses.", "cache:clear"),
+}
+COMMANDS = {
+    "demo": Entry(
+        "Start",
+        "Render a room, tune one GLOMAP option on it without ground truth, and check the outcome against the truth.",
+        "demo:demo",
+    ),
+    "study": Entry("Studies", "Create, run and read studies.", commands=_STUDY),
+    "dashboard": Entry(
+        "Studies",
+        "Open optuna-dashboard on a storage; it asks for no password, so it listens on this machine only.",
+        "dashboard:dashboard",
+    ),
+    "worker": Entry(
+        "Studies", "Work on every open study of a storage, as one of many workers on many machines.", "worker:worker"
+    ),
+    "evaluate": Entry(
+        "Studies", "Print the GTF ATE of one setting on one sequence; nothing is stored.", "evaluate:evaluate"
+    ),
+    "noise": Entry(
+        "Studies",
+        "Measure how the score grows with the noise, and recommend a noise in the linear range; nothing is stored.",
+        "noise:noise",
+    ),
+    "pipeline": Entry("Inputs", "List pipelines and their tunable options.", commands=_PIPELINE),
+    "sequence": Entry("Inputs", "Check data sets, take frames from videos, render a scene.", commands=_SEQUENCE),
+    "metric": Entry("Tools", "Compute errors and scores of trajectory files.", commands=_METRIC),
+    "storage": Entry("Tools", "Check, upgrade and copy storages.", commands=_STORAGE),
+    "cache": Entry("Tools", "Look at the stage cache, and make room.", commands=_CACHE),
+    "doctor": Entry(
+        "Start", "Check packages, memory, the cache folder and the options of the installed COLMAP.", "doctor:doctor"
+    ),
+}
+
+
+class MainGroup(CommandGroup):
+    """Every command."""
+
+    table = COMMANDS
+
 
 app = typer.Typer(
     name="gtf-tune",
-    cls=GroupedCommands,
+    cls=MainGroup,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -46,20 +173,6 @@ def common(
 ) -> None:
     """Tune Structure-from-Motion and visual SLAM without ground truth."""
     del version
-
-
-app.command("demo", rich_help_panel="Start")(demo)
-app.add_typer(study_app, name="study", rich_help_panel="Studies")
-app.command("dashboard", rich_help_panel="Studies")(dashboard)
-app.command("worker", rich_help_panel="Studies")(worker)
-app.command("evaluate", rich_help_panel="Studies")(evaluate)
-app.command("noise", rich_help_panel="Studies")(noise)
-app.add_typer(pipeline.app, name="pipeline", rich_help_panel="Inputs")
-app.add_typer(sequence.app, name="sequence", rich_help_panel="Inputs")
-app.add_typer(metric.app, name="metric", rich_help_panel="Tools")
-app.add_typer(storage.app, name="storage", rich_help_panel="Tools")
-app.add_typer(cache.app, name="cache", rich_help_panel="Tools")
-app.command("doctor", rich_help_panel="Start")(doctor)
 
 
 def main() -> None:

@@ -11,14 +11,11 @@ import typer
 from gtf_tune.cli.matching import Matching, matched_files
 from gtf_tune.cli.parameters import Json
 from gtf_tune.cli.terminal.console import number, write_json, write_line, write_pairs, write_table
-from gtf_tune.cli.terminal.grouping import GroupedCommands
 
 if TYPE_CHECKING:
     from gtf_tune.api.trajectories import GtfAte
     from gtf_tune.metrics import ErrorStatistics
     from gtf_tune.trajectory import FloatArray
-
-app = typer.Typer(cls=GroupedCommands, help="Compute errors and scores of trajectory files.", no_args_is_help=True)
 
 
 class Format(StrEnum):
@@ -95,7 +92,6 @@ Delimiter = Annotated[
 ]
 
 
-@app.command("ate")
 def ate(
     reference: Reference,
     estimate: Estimate,
@@ -117,7 +113,6 @@ def ate(
     _write(summarise(aligned_errors(first, second, alignment.value)), "unit of the reference", json)
 
 
-@app.command("rpe")
 def rpe(
     reference: Reference,
     estimate: Estimate,
@@ -149,7 +144,6 @@ def rpe(
     _write(summarise(errors), shown, json)
 
 
-@app.command("gtf")
 def gtf(
     clean: Clean,
     noisy: Noisy,

@@ -7,13 +7,9 @@ import typer
 
 from gtf_tune.cli.parameters import Json, Settings
 from gtf_tune.cli.terminal.console import say, write_json, write_line, write_table
-from gtf_tune.cli.terminal.grouping import GroupedCommands
 from gtf_tune.cli.values import parse_pairs
 
-app = typer.Typer(cls=GroupedCommands, help="List pipelines and their tunable options.", no_args_is_help=True)
 
-
-@app.command("list")
 def list_pipelines(json: Json = False) -> None:
     """List the pipelines that can be tuned here.
 
@@ -37,7 +33,6 @@ def list_pipelines(json: Json = False) -> None:
     say("Next: gtf-tune pipeline options glomap --grep reproj")
 
 
-@app.command("options")
 def options(
     name: Annotated[str, typer.Argument(metavar="PIPELINE", help="Name of the pipeline.")],
     grep: Annotated[str, typer.Option("--grep", help="Only options whose name or meaning contains TEXT.")] = "",
@@ -77,7 +72,6 @@ def options(
     say(f"{len(specs)} options of {name}" + (f" with '{grep}'" if grep else ""))
 
 
-@app.command("presets")
 def presets(
     name: Annotated[str, typer.Argument(metavar="PIPELINE", help="Name of the pipeline.")] = "glomap",
     json: Json = False,

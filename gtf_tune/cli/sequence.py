@@ -10,14 +10,9 @@ import typer
 from gtf_tune.cli.parameters import Frames, Json
 from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
 from gtf_tune.cli.terminal.console import duration, number, say, write_json, write_line, write_pairs
-from gtf_tune.cli.terminal.grouping import GroupedCommands
 
 if TYPE_CHECKING:
     from gtf_tune.sequence import Sequence, SequenceReport
-
-app = typer.Typer(
-    cls=GroupedCommands, help="Check data sets, take frames from videos, render a scene.", no_args_is_help=True
-)
 
 
 _FIRST_RANGE = "mapper.max_normalized_reproj_error=1e-4:1e-1:log"
@@ -30,7 +25,6 @@ class Choice(StrEnum):
     regular = "regular"
 
 
-@app.command("inspect")
 def inspect(
     path: Annotated[Path, typer.Argument(help="Folder of images, or a data set.")],
     layout: Annotated[str, typer.Option("--layout", help="Force a layout; see 'sequence layouts'.")] = "auto",
@@ -66,7 +60,6 @@ def inspect(
         say(f"Next: gtf-tune study {shlex.join(words)}")
 
 
-@app.command("layouts")
 def layouts() -> None:
     """Say which data sets are understood, what to download and where to put it.
 
@@ -78,7 +71,6 @@ def layouts() -> None:
         write_line(f"{name}\n    {' '.join(text.split())}")
 
 
-@app.command("extract")
 def extract(
     video: Annotated[Path, typer.Argument(help="Video file.")],
     folder: Annotated[Path, typer.Argument(help="New folder for the frames.")],
@@ -97,7 +89,6 @@ def extract(
     say(f"Next: gtf-tune sequence inspect {shlex.quote(str(folder))}")
 
 
-@app.command("render")
 def render(
     folder: Annotated[Path, typer.Argument(help="New folder for the sequence.")],
     frames: Annotated[int, typer.Option("--frames", help="Number of frames.")] = 24,

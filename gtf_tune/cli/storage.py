@@ -7,12 +7,8 @@ import typer
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, open_storage
 from gtf_tune.cli.terminal.console import say, write_json, write_line, write_pairs
-from gtf_tune.cli.terminal.grouping import GroupedCommands
-
-app = typer.Typer(cls=GroupedCommands, help="Check, upgrade and copy storages.", no_args_is_help=True)
 
 
-@app.command("check")
 def check(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
     """Check tables, orphans and the digest of every trajectory; exit with 1 if something is wrong.
 
@@ -33,7 +29,6 @@ def check(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
     say("the storage is sound")
 
 
-@app.command("upgrade")
 def upgrade(storage: Storage = DEFAULT_STORAGE) -> None:
     """Bring the tables of an older storage to this version; make a backup first.
 
@@ -45,7 +40,6 @@ def upgrade(storage: Storage = DEFAULT_STORAGE) -> None:
     say(f"{database.shown_url} has the tables of this version")
 
 
-@app.command("copy")
 def copy(
     source: Annotated[str, typer.Argument(metavar="FROM", help="Storage to copy from.")],
     target: Annotated[str, typer.Argument(metavar="TO", help="Storage to copy to; made if need be.")],
@@ -62,7 +56,6 @@ def copy(
     say(f"copied study '{study}'; both have the digest {digest}")
 
 
-@app.command("digest")
 def digest(name: StudyName, storage: Storage = DEFAULT_STORAGE) -> None:
     """Print the digest of what a study found: equal digests mean equal trials, scores and trajectories.
 

@@ -10,8 +10,8 @@ from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage
 from gtf_tune.cli.remedies import with_remedy
 from gtf_tune.cli.storage_access import hush_optuna, storage_flag, wait_for_storage
-from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE, Places, TrialParallel, VersionMismatch, place_folders
-from gtf_tune.cli.terminal.console import say
+from gtf_tune.cli.study.run import Places, TrialParallel, VersionMismatch, place_folders
+from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, say
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database

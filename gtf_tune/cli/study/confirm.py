@@ -9,7 +9,6 @@ from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Stora
 from gtf_tune.cli.storage_access import open_storage, storage_flag
 from gtf_tune.cli.study.notes import suggest_step
 from gtf_tune.cli.study.run import (
-    INTERRUPTED_EXIT_CODE,
     Dashboard,
     Places,
     VersionMismatch,
@@ -17,6 +16,7 @@ from gtf_tune.cli.study.run import (
     place_folders,
 )
 from gtf_tune.cli.terminal.console import (
+    INTERRUPTED_EXIT_CODE,
     number,
     say,
     write_json,

@@ -9,7 +9,7 @@ from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage, StudyName
 from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
 from gtf_tune.cli.study.notes import suggest_outcome, warn_of_lost_frames
-from gtf_tune.cli.terminal.console import say
+from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, say
 from gtf_tune.cli.values import split_pairs
 
 if TYPE_CHECKING:
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from gtf_tune.report.dashboard.sync import DashboardSync
     from gtf_tune.store.database import Database
     from gtf_tune.study.open_study import OpenStudy
-
-INTERRUPTED_EXIT_CODE = 130
 
 TrialParallel = Annotated[
     int, typer.Option("--trial-parallel", min=1, help="Trials side by side; more than 1 changes adaptive samplers.")

@@ -11,6 +11,8 @@ from gtf_tune.cli.terminal.streams import writing_results
 if TYPE_CHECKING:
     from rich.console import Console
 
+INTERRUPTED_EXIT_CODE = 130
+
 
 def stdout() -> "Console":
     """Return the console for results; plain text where stdout is not a terminal."""
