@@ -11,6 +11,7 @@ from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.content import FrameContent, PairContent, frame_content, pair_content
 from gtf_tune.sequence.exif import exif_notes
 from gtf_tune.sequence.loading import FEWEST_FRAMES
+from gtf_tune.sequence.turning import turning_pairs
 from gtf_tune.sequence.value import Sequence
 
 _CHECKED_FRAMES = 60
@@ -102,7 +103,7 @@ def inspect_sequence(sequence: Sequence) -> SequenceReport:
         median_corners=float(np.median([frame.corners for frame in frames])),
         median_shift_px=float(np.median(shifts)) if shifts else 0.0,
         notes=(*sequence.notes, *exif_notes(sequence)),
-        warnings=(*_warn_of_frames(frames), *_warn_of_pairs(pairs), *_warn_of_facts(sequence, gaps)),
+        warnings=(*_warn_of_frames(frames), *_warn_of_pairs(pairs, sequence), *_warn_of_facts(sequence, gaps)),
         focal_prior=sequence.focal_prior,
     )
 
@@ -119,7 +120,7 @@ def _look(sequence: Sequence) -> tuple[list[FrameContent], list[PairContent]]:
         if position + 1 < len(sequence):
             after = sequence.frames[position + 1]
             ids = (frame.frame_id, after.frame_id)
-            pairs.append(pair_content(ids, grey, sequence.read_grey(after), sequence.camera))
+            pairs.append(pair_content(ids, grey, sequence.read_grey(after)))
     return frames, pairs
 
 
@@ -162,7 +163,10 @@ def _warn_of_frames(frames: Items[FrameContent]) -> Iterable[str]:
         yield from _sentence([frame.frame_id for frame in frames if hurts(frame)], len(frames), f"images are {words}")
 
 
-def _warn_of_pairs(pairs: Items[PairContent]) -> Iterable[str]:
+def _warn_of_pairs(pairs: Items[PairContent], sequence: Sequence) -> Iterable[str]:
+    size = sequence.width, sequence.height
+    turning = turning_pairs([pair.homography for pair in pairs], size, sequence.camera)
+    turned = {pair.first for pair, turns in zip(pairs, turning, strict=True) if turns}
     checks: tuple[tuple[str, Callable[[PairContent], bool]], ...] = (
         ("images equal the next one exactly: duplicates add time but no information", lambda pair: pair.identical),
         (
@@ -175,7 +179,7 @@ def _warn_of_pairs(pairs: Items[PairContent]) -> Iterable[str]:
         ),
         (
             "images differ from the next one by a turn of the camera only: positions are weakly determined there",
-            lambda pair: pair.rotation_only and pair.shift_px >= _STILL_PX,
+            lambda pair: pair.first in turned and pair.shift_px >= _STILL_PX,
         ),
     )
     for words, hurts in checks:
