@@ -1,0 +1,1 @@
+"""The whole way from images to a better reconstruction within a number of minutes."""

@@ -1,0 +1,152 @@
+"""Turn minutes into a plan: how many trials, how long a confirmation, on how many and how large images.
+
+The price of everything follows from one timed run of nominal. A copy of the images (clean with one seed, or noisy)
+costs a whole run the first time; after that a configuration that only repeats the last stage costs that stage alone.
+"""
+
+import math
+from dataclasses import dataclass
+
+CLEAN_RUNS = 1
+NOISY_RUNS = 3
+"""Runs of a trial: few, because the noise is common to all trials."""
+
+CONFIRMED = 2
+"""Candidates that a confirmation compares with nominal."""
+
+FEWEST_CONFIRMATION_RUNS = 4
+MOST_CONFIRMATION_RUNS = 16
+MOST_TRIALS = 60
+
+_SEARCH_SHARE = 0.6
+"""Share of what is left after the first trials that goes to the search; the rest goes to the confirmation."""
+
+_IN_TIME = 0.9
+"""Share of the minutes that is planned for: runs of one machine differ in time."""
+
+
+@dataclass(frozen=True)
+class RunPrice:
+    """What one run costs, in seconds of one core.
+
+    ``whole_s`` is a run from the pixels on; ``repeated_s`` one whose cached stages are at hand.
+    """
+
+    whole_s: float
+    repeated_s: float
+
+    def scaled(self, reduction: "Reduction") -> "RunPrice":
+        """Return the estimated price on fewer and smaller images.
+
+        Matching grows with the square of the number of images, everything else about linearly with their number; the
+        number of features follows the area. The larger exponent is taken for cached stages, which matching rules.
+        """
+        area = reduction.size**2
+        cached = self.whole_s - self.repeated_s
+        return RunPrice(
+            cached * reduction.frames**1.5 * area + self.repeated_s * reduction.frames * area,
+            self.repeated_s * reduction.frames * area,
+        )
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """Share of the frames and of the width that the search uses; 1 is all."""
+
+    frames: float = 1.0
+    size: float = 1.0
+
+
+REDUCTIONS = (Reduction(), Reduction(size=0.5), Reduction(frames=1 / 3, size=0.5))
+"""What is tried in this order until the minutes suffice."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the minutes buy.
+
+    ``trials`` counts nominal. ``confirmation_runs`` are noisy runs of each configuration; 0 where there is no time for
+    a confirmation. ``search_s``, ``confirm_s`` and ``write_s`` are the estimated wall times of the phases.
+    """
+
+    trials: int
+    confirmation_runs: int
+    reduction: Reduction
+    search_s: float
+    confirm_s: float
+    write_s: float
+
+    @property
+    def seconds(self) -> float:
+        """Return the estimated wall time of all phases together."""
+        return self.search_s + self.confirm_s + self.write_s
+
+
+@dataclass(frozen=True)
+class Budget:
+    """What is available: wall time in seconds and runs at a time; ``first`` configurations are always tried."""
+
+    seconds: float
+    jobs: int
+    first: int
+
+    def plan(self, full: RunPrice, reduced: RunPrice | None = None, reduction: Reduction | None = None) -> Plan:
+        """Return the plan for these prices.
+
+        ``full`` is the price on all images at full size, which the written models cost; ``reduced`` the price that was
+        measured on reduced images. Without it the first reduction whose estimated price fits is taken.
+        """
+        if reduced is not None:
+            return self._plan(full, reduced, reduction or Reduction())
+        plans = [self._plan(full, full.scaled(one), one) for one in REDUCTIONS]
+        return next((one for one in plans if self._fits(one)), plans[-1])
+
+    def seconds_needed(self, full: RunPrice) -> float:
+        """Return the wall time below which not even the first configurations are tried on the most reduced images."""
+        last = REDUCTIONS[-1]
+        return (self._first_trials(full.scaled(last)) + self._write(full)) / _IN_TIME
+
+    def _plan(self, full: RunPrice, price: RunPrice, reduction: Reduction) -> Plan:
+        write = self._write(full)
+        first = self._first_trials(price)
+        left = _IN_TIME * self.seconds - write - first
+        runs = self._confirmation_runs(price, left)
+        confirm = self._confirmation(price, runs)
+        more = self._more_trials(price, left - confirm)
+        search = first + self._parallel(more * self._trial(price))
+        return Plan(1 + self.first + more, runs, reduction, search, confirm, write)
+
+    def _confirmation_runs(self, price: RunPrice, left: float) -> int:
+        """Return the noisy runs of a confirmation: what its share of the time buys, at least the fewest if they fit."""
+        for runs in range(MOST_CONFIRMATION_RUNS, FEWEST_CONFIRMATION_RUNS - 1, -1):
+            share = left if runs == FEWEST_CONFIRMATION_RUNS else (1 - _SEARCH_SHARE) * left
+            if self._confirmation(price, runs) <= share:
+                return runs
+        return 0
+
+    def _more_trials(self, price: RunPrice, left: float) -> int:
+        trial = self._parallel(self._trial(price))
+        affordable = math.floor(max(left, 0.0) / trial) if trial > 0 else MOST_TRIALS
+        return min(affordable, MOST_TRIALS - 1 - self.first)
+
+    def _fits(self, plan: Plan) -> bool:
+        return plan.confirmation_runs > 0 and plan.seconds <= _IN_TIME * self.seconds
+
+    def _trial(self, price: RunPrice) -> float:
+        return (CLEAN_RUNS + NOISY_RUNS) * price.repeated_s
+
+    def _first_trials(self, price: RunPrice) -> float:
+        """Return the wall time of nominal, whose runs begin at the pixels, and of the first configurations."""
+        copies = CLEAN_RUNS + NOISY_RUNS
+        return self._parallel(copies * price.whole_s + self.first * self._trial(price))
+
+    def _confirmation(self, price: RunPrice, runs: int) -> float:
+        copies = CLEAN_RUNS + runs
+        return self._parallel(copies * (price.whole_s + CONFIRMED * price.repeated_s)) if runs else 0.0
+
+    def _write(self, full: RunPrice) -> float:
+        """Return the wall time of two whole reconstructions, nominal and adopted."""
+        return 2 * full.whole_s / min(self.jobs, 2)
+
+    def _parallel(self, seconds: float) -> float:
+        return seconds / self.jobs
