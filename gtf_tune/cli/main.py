@@ -109,6 +109,11 @@ _CACHE = {
     "clear": Entry("Commands", "Drop every stage that no run uses.", "cache:clear"),
 }
 COMMANDS = {
+    "tune": Entry(
+        "Start",
+        "Find the options that give the most precise trajectory on these images, and reconstruct with them.",
+        "tune:tune",
+    ),
     "demo": Entry(
         "Start",
         "Render a room, tune one GLOMAP option on it without ground truth, and check the outcome against the truth.",

@@ -46,12 +46,17 @@ def checked_definition(
 
 
 def create_study(
-    database: Database, definition: StudyDefinition, root: Path, pipeline: Pipeline | None = None
+    database: Database,
+    definition: StudyDefinition,
+    root: Path,
+    pipeline: Pipeline | None = None,
+    *,
+    resolved: Mapping[str, Any] = MappingProxyType({}),
 ) -> Study:
     """Check a definition against its sequences, store it, and return the stored study.
 
     ``root`` is the folder that the paths of the sequences are relative to, ``pipeline`` the pipeline where its name
-    alone does not make it, as for the function of a script.
+    alone does not make it, as for the function of a script. ``resolved`` is kept with the study as it is.
 
     Raises
     ------
@@ -67,13 +72,14 @@ def create_study(
     loaded = [load_defined_sequence(one, root, pipeline) for one in definition.sequences]
     _refuse_same_images(loaded)
     rows = tuple(sequence_row(one.path, sequence) for one, sequence in zip(definition.sequences, loaded, strict=True))
-    resolved = {
+    known = {
+        **resolved,
         "noise_sigma": _sigmas(definition),
         RESOLVED_KEY: SCORING_VERSION,
         "versions": {"gtf_tune": __version__, pipeline.name: pipeline.version, "optuna": optuna.__version__},
     }
     new = NewStudy(
-        definition.name, _optuna_study(database, definition), dump_definition(definition), resolved, str(root), rows
+        definition.name, _optuna_study(database, definition), dump_definition(definition), known, str(root), rows
     )
     return studies.add(database, new)
 

@@ -13,9 +13,12 @@ from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, say
 from gtf_tune.cli.values import split_pairs
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from gtf_tune.execution import Executor
     from gtf_tune.report.dashboard.sync import DashboardSync
     from gtf_tune.store.database import Database
+    from gtf_tune.study.events import Callback
     from gtf_tune.study.open_study import OpenStudy
 
 TrialParallel = Annotated[
@@ -114,8 +117,15 @@ def resume(
     _suggest_next(name, database)
 
 
-def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int, *, dashboard: bool = True) -> None:
-    """Run a study here with progress on stderr; exit with 130 if someone stopped it."""
+def work_on(
+    study: "OpenStudy",
+    executor: "Executor",
+    trial_parallel: int,
+    *,
+    dashboard: bool = True,
+    also: "Sequence[Callback]" = (),
+) -> None:
+    """Run a study here with progress on stderr; exit with 130 if someone stopped it. Events go to ``also`` too."""
     from gtf_tune.cli.terminal.progress import StudyProgress
     from gtf_tune.study.runs.stop import STOP_NOW, StopRequest, signals_to
     from gtf_tune.study.work.worker import StudyWorker
@@ -123,7 +133,7 @@ def work_on(study: "OpenStudy", executor: "Executor", trial_parallel: int, *, da
     stop = StopRequest()
     with signals_to(stop, say), executor, StudyProgress.of(study) as progress:
         shown = _dashboard_of(study) if dashboard else None
-        callbacks = [progress.on_event, *([shown.on_event] if shown else [])]
+        callbacks = [progress.on_event, *([shown.on_event] if shown else []), *also]
         done = StudyWorker(study, executor, stop, callbacks).work(trial_parallel)
         if shown and stop.level < STOP_NOW:
             shown.bring_up_to_date()

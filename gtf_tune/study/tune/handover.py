@@ -13,7 +13,6 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from gtf_tune.errors import RunError, StorageError
@@ -23,12 +22,17 @@ from gtf_tune.study.outcome.export import option_json
 
 if TYPE_CHECKING:
     from gtf_tune.pipelines.colmap.models import SparseModel
+    from gtf_tune.trajectory import Trajectory
 
 MARK = ".gtf-tune.json"
 """File by which an output folder is known to be ours, so that it may be replaced."""
 
-_MODELS = MappingProxyType({"sparse-nominal": "nominal", "sparse": "adopted"})
 _LOG_LINES = 3
+
+
+_KEPT_FRAMES = 0.95
+_KEPT_POINTS = 0.5
+"""Shares of nominal's registered images and points below which a full-size model is not handed over as adopted."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +45,15 @@ class Configurations:
 
 @dataclass(frozen=True)
 class Handover:
-    """What was written: the folder, and registered images, points and path of both models."""
+    """What was written.
+
+    ``vetoed`` says why the adopted configuration is not handed over after all; empty where it is.
+    """
 
     folder: Path
     adopted: "SparseModel"
     nominal: "SparseModel"
+    vetoed: str = ""
 
 
 def check_output(folder: Path) -> None:
@@ -62,6 +70,9 @@ def hand_over(
     announce: Callable[[str], None] = lambda _: None,
 ) -> Handover:
     """Reconstruct with both configurations and write everything into ``folder``, in place of an earlier handover.
+
+    A model of the adopted configuration that lost images or points on the whole sequence is not handed over: nominal
+    takes its place.
 
     Raises
     ------
@@ -82,22 +93,83 @@ def hand_over(
     settings: Mapping[str, object] = dict(pipeline.settings)
     with _written_aside(folder) as work:
         _write(work / "images.txt", "".join(f"{name}\n" for name in names))
-        _write(work / "options.json", option_json(configurations.adopted))
-        _write(work / "options-nominal.json", option_json(configurations.nominal))
         _write(work / "run.py", pycolmap_script(pipeline.name, photographs, settings, pipeline.version))
-        _write(work / "run.sh", colmap_shell_script(pipeline.name, photographs, settings, dict(configurations.adopted)))
-        found = {}
-        for name, options in (("sparse-nominal", "options-nominal.json"), ("sparse", "options.json")):
-            announce(
-                f"reconstructing {len(names)} images with the {'nominal' if 'nominal' in name else 'adopted'} options"
-            )
-            _reconstruct(work, name, options)
-            found[name] = read_model(work / name / "0", names)
-        write_tum(found["sparse"].trajectory, work / "trajectory.txt")
-        write_tum(found["sparse-nominal"].trajectory, work / "trajectory-nominal.txt")
+        _write(work / "options-nominal.json", option_json(configurations.nominal))
+        _write(work / "options.json", option_json(configurations.adopted))
+        announce(f"reconstructing {len(names)} images with the nominal options")
+        _reconstruct(work, "sparse-nominal", "options-nominal.json")
+        nominal = read_model(work / "sparse-nominal" / "0", names)
+        adopted, vetoed = nominal, ""
+        if configurations.adopted != configurations.nominal:
+            announce(f"reconstructing {len(names)} images with the adopted options")
+            _reconstruct(work, "sparse", "options.json")
+            adopted = read_model(work / "sparse" / "0", names)
+            vetoed = _lost(adopted, nominal)
+        if adopted is nominal or vetoed:
+            adopted = _take_nominal(work, nominal)
+        chosen = configurations.nominal if vetoed else configurations.adopted
+        _write(work / "run.sh", colmap_shell_script(pipeline.name, photographs, settings, dict(chosen)))
+        write_tum(adopted.trajectory, work / "trajectory.txt")
+        write_tum(nominal.trajectory, work / "trajectory-nominal.txt")
         _write(work / "transforms.json", transforms_json(work / "sparse" / "0", images))
         _write(work / MARK, json.dumps({"sequence": sequence.name, "pipeline": pipeline.name}) + "\n")
-    return Handover(folder, found["sparse"], found["sparse-nominal"])
+    return Handover(folder, adopted, nominal, vetoed)
+
+
+def hand_over_trajectories(
+    folder: Path, configurations: Configurations, trajectories: "Mapping[str, Trajectory]"
+) -> None:
+    """Write options and trajectories of a pipeline that makes no COLMAP model, in place of an earlier handover.
+
+    ``trajectories`` are those of a clean run, by ``adopted`` and ``nominal``.
+
+    Raises
+    ------
+    StorageError
+        The folder holds something else or cannot be written.
+    """
+    from gtf_tune.trajectory import write_tum
+
+    check_output(folder)
+    with _written_aside(folder) as work:
+        _write(work / "options.json", option_json(configurations.adopted))
+        _write(work / "options-nominal.json", option_json(configurations.nominal))
+        write_tum(trajectories["adopted"], work / "trajectory.txt")
+        write_tum(trajectories["nominal"], work / "trajectory-nominal.txt")
+        _write(work / MARK, "{}\n")
+
+
+def makes_models(pipeline: str) -> bool:
+    """Whether a pipeline is COLMAP's, so that models can be handed over."""
+    return pipeline in ("glomap", "colmap", "colmap-hierarchical")
+
+
+def scaled_to(options: Mapping[str, OptionValue], pixels: frozenset[str], factor: float) -> dict[str, OptionValue]:
+    """Return options for images that are ``factor`` times as large, where those named in ``pixels`` are in pixels."""
+    return {
+        name: value * factor if name in pixels and isinstance(value, float) else value
+        for name, value in options.items()
+    }
+
+
+def _lost(adopted: "SparseModel", nominal: "SparseModel") -> str:
+    """Return what the adopted configuration loses on the whole sequence; empty where nothing."""
+    if len(adopted.trajectory) < _KEPT_FRAMES * len(nominal.trajectory):
+        return (
+            f"on all images it registers {len(adopted.trajectory)} images where nominal registers "
+            f"{len(nominal.trajectory)}"
+        )
+    if adopted.num_points < _KEPT_POINTS * nominal.num_points:
+        return f"on all images it keeps {adopted.num_points} points where nominal has {nominal.num_points}"
+    return ""
+
+
+def _take_nominal(work: Path, nominal: "SparseModel") -> "SparseModel":
+    """Put the nominal model and options in the place of the adopted ones."""
+    shutil.rmtree(work / "sparse", ignore_errors=True)
+    shutil.copytree(work / "sparse-nominal", work / "sparse")
+    shutil.copyfile(work / "options-nominal.json", work / "options.json")
+    return nominal
 
 
 def _common_folder(sequence: Sequence) -> tuple[Path, dict[str, tuple[int, float]]]:

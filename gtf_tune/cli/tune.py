@@ -1,0 +1,211 @@
+"""Tune a pipeline on images from the first look to a better reconstruction, in a number of minutes."""
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gtf_tune.cli.executors import cores, make_executor
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Settings, Storage
+from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
+from gtf_tune.cli.study.create import Pipeline, Range, parse_range
+from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE, work_on
+from gtf_tune.cli.terminal.console import duration, say, write_line
+from gtf_tune.cli.values import parse_pairs, split_pairs
+
+if TYPE_CHECKING:
+    from gtf_tune.store.database import Database
+    from gtf_tune.study.events import Event
+    from gtf_tune.study.open_study import OpenStudy
+    from gtf_tune.study.outcome.recommendation import Recommendation
+    from gtf_tune.study.tune.budget import Plan
+    from gtf_tune.study.tune.start import TuneRequest, Tuning
+    from gtf_tune.trajectory import Trajectory
+
+Source = Annotated[
+    Path, typer.Argument(metavar="IMAGES|FILE.toml", help="Images in any known layout, or a study definition.")
+]
+Minutes = Annotated[float, typer.Option("--minutes", "-m", min=0.1, help="Wall time for everything.")]
+Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the outcome (default SOURCE-tuned).")]
+New = Annotated[bool, typer.Option("--new", help="Begin another study, even if one of the same images is under way.")]
+Tier = Annotated[
+    int, typer.Option("--tier", min=1, max=3, help="How much a trial may repeat; see 'gtf-tune pipeline presets'.")
+]
+
+
+def tune(
+    source: Source,
+    minutes: Minutes = 30.0,
+    pipeline: Pipeline = None,
+    setting: Settings = None,
+    range_: Range = None,
+    tier: Tier = 1,
+    jobs: Jobs = None,
+    output: Output = None,
+    new: New = False,
+    cache_dir: CacheDir = None,
+    storage: Storage = DEFAULT_STORAGE,
+) -> None:
+    """Find the options that give the most precise trajectory on these images, and reconstruct with them.
+
+    Calling it again goes on where it stopped. Ctrl-C keeps everything that has finished.
+
+    Example: gtf-tune tune photos/ --minutes 30
+    """
+    from gtf_tune.study.open_study import open_study
+    from gtf_tune.study.outcome.recommendation import recommend
+    from gtf_tune.study.tune.handover import check_output
+
+    began = time.monotonic()
+    hush_optuna()
+    request = _request(source, minutes, jobs or cores(), tier, _sections(source, pipeline, setting, range_))
+    folder = output or source.absolute().with_name(f"{source.stem}-tuned")
+    check_output(folder)
+    database = create_storage(storage)
+    tuning = _begin(database, request, cache_dir, new=new)
+    _say_plan(tuning.plan)
+    study = open_study(database, tuning.name)
+    say(f"search: {study.budget} trials, about {duration(tuning.plan.search_s)}")
+    work_on(study, make_executor(request.jobs, cache_dir), 1, also=[partial(_say_first_verdict, study)])
+    _confirm(study, tuning, request.jobs, cache_dir)
+    found = recommend(database, study.record)
+    say(f"write: about {duration(tuning.plan.write_s)}")
+    _hand_over(study, found, folder)
+    _report(database, tuning.name, folder)
+    write_line("")
+    write_line(found.text)
+    write_line(f"{folder}: models, scripts that make them, trajectory, report")
+    say(f"it took {duration(time.monotonic() - began)}; see: gtf-tune study show {tuning.name}{storage_flag(database)}")
+
+
+def _sections(
+    source: Path, pipeline: str | None, settings: list[str] | None, ranges: list[str] | None
+) -> dict[str, Any]:
+    """Return the parts of a study definition that the file and the flags give."""
+    from gtf_tune.definition import read_toml
+
+    sections: dict[str, Any] = dict(read_toml(source)) if source.suffix == ".toml" else {}
+    given: dict[str, Any] = {"name": pipeline} if pipeline else {}
+    if settings:
+        given["settings"] = {**sections.get("pipeline", {}).get("settings", {}), **parse_pairs(settings, "--setting")}
+    if given:
+        sections["pipeline"] = {"name": "glomap", **sections.get("pipeline", {}), **given}
+    axes = {name: parse_range(name, text) for name, text in split_pairs(ranges or [], "--range").items()}
+    if axes:
+        sections["space"] = {**sections.get("space", {}), **axes}
+    return sections
+
+
+def _request(source: Path, minutes: float, jobs: int, tier: int, sections: dict[str, Any]) -> "TuneRequest":
+    from gtf_tune.study.tune.start import TuneRequest
+
+    return TuneRequest(source, minutes, jobs, tier, sections)
+
+
+def _begin(database: "Database", request: "TuneRequest", cache_dir: Path | None, *, new: bool) -> "Tuning":
+    """Return the study of these images, begun now or before."""
+    from gtf_tune.definition.model import LimitsDefinition
+    from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
+    from gtf_tune.study.runs.stop import StopRequest, signals_to
+    from gtf_tune.study.tune.start import begin_tuning, known_tuning
+
+    known = None if new else known_tuning(database, request)
+    if known is not None:
+        say(f"going on with study '{known.name}'; --new begins another one")
+        return known
+    say("estimate: timing a run with the nominal options")
+    stop = StopRequest()
+    with signals_to(stop, say), make_executor(request.jobs, cache_dir) as executor:
+        source = RunSource(database, executor, run_limits(LimitsDefinition()), stop)
+        try:
+            tuning = begin_tuning(database, request, source, say)
+        except Interrupted:
+            say("stopped while timing; the same command begins again")
+            raise typer.Exit(INTERRUPTED_EXIT_CODE) from None
+    say(f"created study '{tuning.name}'")
+    return tuning
+
+
+def _say_plan(plan: "Plan") -> None:
+    confirmation = "no time to confirm"
+    if plan.confirmation_runs:
+        confirmation = f"a confirmation with {plan.confirmation_runs} noisy runs"
+    say(f"plan: {plan.trials} trials, {confirmation}, two reconstructions; about {duration(plan.seconds)} in all")
+
+
+def _say_first_verdict(study: "OpenStudy", event: "Event") -> None:
+    """Say what the first configurations found, as soon as all of them are tried."""
+    from gtf_tune.pipelines.preset_spaces import preset_pipelines, preset_space
+    from gtf_tune.study.events import TrialFinished
+    from gtf_tune.study.outcome.recommendation import recommend
+
+    pipeline = study.definition.pipeline.name
+    first = len(preset_space(pipeline).first) if pipeline in preset_pipelines() else 0
+    if first and isinstance(event, TrialFinished) and event.number == first:
+        say(f"first verdict: {recommend(study.database, study.record).text}")
+
+
+def _confirm(study: "OpenStudy", tuning: "Tuning", jobs: int, cache_dir: Path | None) -> None:
+    """Confirm the best trials, unless that is done or there is no time for it."""
+    from gtf_tune.store import confirmations
+    from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
+    from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
+    from gtf_tune.study.runs.stop import StopRequest, signals_to
+    from gtf_tune.study.tune.budget import CONFIRMED
+
+    plan = tuning.plan
+    if not plan.confirmation_runs:
+        say("there was no time to confirm the outcome; give more --minutes for that")
+        return
+    if confirmations.of_study(study.database, study.record.id):
+        return
+    say(f"confirm: nominal and the best {CONFIRMED} on fresh noise, about {duration(plan.confirm_s)}")
+    stop = StopRequest()
+    with signals_to(stop, say), make_executor(jobs, cache_dir) as executor:
+        source = RunSource(study.database, executor, run_limits(study.definition.limits), stop)
+        try:
+            confirm(study, plan_confirmation(study, {}, top=CONFIRMED, noisy_runs=plan.confirmation_runs), source)
+        except Interrupted:
+            say("stopped; the same command continues with the confirmation")
+            raise typer.Exit(INTERRUPTED_EXIT_CODE) from None
+
+
+def _hand_over(study: "OpenStudy", found: "Recommendation", folder: Path) -> None:
+    """Write the models and scripts of a COLMAP pipeline, or the options and trajectories of another."""
+    from gtf_tune.study.tune.handover import hand_over, hand_over_trajectories, makes_models
+    from gtf_tune.study.tune.start import configurations_of, whole_sequence
+
+    whole = whole_sequence(study)
+    configurations = configurations_of(study, found, whole)
+    if not makes_models(study.definition.pipeline.name):
+        hand_over_trajectories(folder, configurations, _clean_trajectories(study, found))
+        return
+    written = hand_over(folder, whole, study.pipeline, configurations, say)
+    for name, model in (("nominal", written.nominal), ("adopted", written.adopted)):
+        say(f"{name}: {len(model.trajectory)} of {len(whole)} images, {model.num_points} points")
+    if written.vetoed:
+        write_line(f"The nominal options are handed over instead: {written.vetoed}.")
+
+
+def _clean_trajectories(study: "OpenStudy", found: "Recommendation") -> "dict[str, Trajectory]":
+    """Return the trajectory of the first clean run of the nominal and of the adopted trial."""
+    from gtf_tune.store import runs, trials
+    from gtf_tune.store.trajectories import trajectories
+
+    numbers = {"nominal": 0, "adopted": found.trial.number if found.trial else 0}
+    keys = {}
+    for name, number in numbers.items():
+        uses = runs.of_trial(study.database, trials.get(study.database, study.record.id, number).id)
+        keys[name] = next(use.run.key for use in uses if use.run.kind == "clean")
+    poses = trajectories(study.database, list(set(keys.values())))
+    return {name: poses[key] for name, key in keys.items()}
+
+
+def _report(database: "Database", name: str, folder: Path) -> None:
+    from gtf_tune.cli.study.report import snippets
+    from gtf_tune.report.build import write_report
+    from gtf_tune.report.definition import ReportDefinition
+
+    write_report(folder / "report.html", database, name, ReportDefinition(), snippets(database, name))

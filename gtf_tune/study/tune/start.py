@@ -1,0 +1,228 @@
+"""Find or make the study of a folder of images: time a run of nominal, plan by the minutes, queue the first trials."""
+
+import hashlib
+import itertools
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from gtf_tune.definition import SequenceDefinition, StudyDefinition
+from gtf_tune.definition.model import name_from
+from gtf_tune.errors import RunError
+from gtf_tune.pipelines import OptionValue, Pipeline
+from gtf_tune.pipelines.preset_spaces import DEFAULT_TIER, preset_pipelines, preset_space
+from gtf_tune.sequence import Sequence
+from gtf_tune.store import studies
+from gtf_tune.store.database import Database
+from gtf_tune.store.studies import Study
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.enqueue import enqueue
+from gtf_tune.study.open_study import OpenStudy, make_pipeline
+from gtf_tune.study.outcome.recommendation import Recommendation
+from gtf_tune.study.runs.plan import RunPlanner, SeedSource
+from gtf_tune.study.runs.run_source import RunSource
+from gtf_tune.study.sequences import load_defined_sequence
+from gtf_tune.study.tune.budget import CLEAN_RUNS, NOISY_RUNS, Budget, Plan, Reduction, RunPrice
+from gtf_tune.study.tune.handover import Configurations, scaled_to
+
+TUNE_KEY = "tune"
+"""Where the resolved part of a study keeps what this command planned."""
+
+NOISE_SIGMA = 0.5
+"""Noise in grey levels: what measuring it, for 14 to 30 runs, gave on nearly every sequence (docs/results.md)."""
+
+_FEWEST_REDUCED_FRAMES = 10
+_SMALLEST_IMAGE = 320
+
+
+@dataclass(frozen=True)
+class TuneRequest:
+    """What is to be tuned, and how long it may take.
+
+    ``sections`` are parts of a study definition that are given by hand (``pipeline``, ``space``, ``sequences`` ...);
+    what they leave open comes from the preset of the pipeline. ``minutes`` is the whole wall time.
+    """
+
+    source: Path
+    minutes: float
+    jobs: int
+    tier: int = DEFAULT_TIER
+    sections: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def pipeline(self) -> str:
+        """Name of the pipeline."""
+        return str(self.sections.get("pipeline", {}).get("name", "glomap"))
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What makes two requests the same study; the minutes are not part of it."""
+        parts = json.dumps([self.tier, self.sections], sort_keys=True, default=str)
+        return {"source": str(self.source.absolute()), "request": hashlib.sha256(parts.encode()).hexdigest()}
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """A study and what was planned for it."""
+
+    study: Study
+    plan: Plan
+
+    @property
+    def name(self) -> str:
+        """Name of the study."""
+        return self.study.name
+
+
+def known_tuning(database: Database, request: TuneRequest) -> Tuning | None:
+    """Return the newest study that an equal request began; None where there is none."""
+    for name in reversed(studies.names(database)):
+        study = studies.get(database, name)
+        stored = study.resolved.get(TUNE_KEY)
+        if stored and {key: stored.get(key) for key in request.identity} == request.identity:
+            return Tuning(study, _plan_from(stored["plan"]))
+    return None
+
+
+def begin_tuning(
+    database: Database, request: TuneRequest, source: RunSource, announce: Callable[[str], None]
+) -> Tuning:
+    """Time a run of nominal, plan by the minutes, create the study and queue its first trials.
+
+    Raises
+    ------
+    GtfTuneError
+        The images cannot be read, nothing says what to search, or nominal does not work.
+    """
+    root = request.source.absolute().parent
+    definition = _definition(request, _free_name(database, request))
+    pipeline, first = make_pipeline(definition), _first_configurations(request, definition)
+    budget = Budget(60 * request.minutes, request.jobs, len(first))
+    given = definition.sequences[0].model_dump(mode="json")
+    whole = load_defined_sequence(definition.sequences[0], root, pipeline)
+    full = _price(definition, pipeline, whole, source)
+    announce(f"a run with the nominal options takes {full.whole_s:.0f} s, its last stage {full.repeated_s:.0f} s")
+    plan = budget.plan(full)
+    if plan.reduction != Reduction():
+        selection = _selection(whole, definition.sequences[0], plan.reduction)
+        definition = _definition(request, definition.name, selection=selection)
+        reduced = load_defined_sequence(definition.sequences[0], root, pipeline)
+        announce(
+            f"{request.minutes:g} minutes buy too little on all of it: the search uses {len(reduced)} images of "
+            f"{reduced.width}x{reduced.height} pixels"
+        )
+        plan = budget.plan(full, _price(definition, pipeline, reduced, source), plan.reduction)
+    searched = definition.search.model_copy(update={"trials": plan.trials - len(first)})
+    resolved = {TUNE_KEY: {**request.identity, "minutes": request.minutes, "plan": asdict(plan), "whole": given}}
+    study = create_study(database, definition.model_copy(update={"search": searched}), root, resolved=resolved)
+    for options in first:
+        enqueue(database, study.name, options)
+    return Tuning(studies.get(database, study.name), plan)
+
+
+def whole_sequence(study: OpenStudy) -> Sequence:
+    """Return the first sequence of a study as it was given, before the search was reduced to fit the minutes.
+
+    Raises
+    ------
+    SequenceError
+        The images are gone.
+    """
+    given = SequenceDefinition.model_validate(study.record.resolved[TUNE_KEY]["whole"])
+    return load_defined_sequence(given, Path(study.record.root), study.pipeline)
+
+
+def configurations_of(study: OpenStudy, found: Recommendation, whole: Sequence) -> Configurations:
+    """Return the adopted and the nominal configuration for the whole sequence.
+
+    Options in pixels that differ from nominal are scaled where the search ran on smaller images.
+    """
+    fixed, nominal = study.definition.fixed_options, study.space.nominal
+    searched = next(iter(study.sequences.values()))
+    trial = found.trial.options if found.trial else None
+    changed = {name: value for name, value in (trial or nominal).items() if value != nominal[name]}
+    factor = max(whole.width, whole.height) / max(searched.width, searched.height)
+    adopted = {**nominal, **scaled_to(changed, _in_pixels(study.definition.pipeline.name), factor)}
+    defaults = {name: spec.default for name, spec in study.pipeline.options.specs.items()}
+    both = ({**fixed, **adopted}, {**fixed, **nominal})
+    return Configurations(*({name: one[name] for name in one if one[name] != defaults[name]} for one in both))
+
+
+def _in_pixels(pipeline: str) -> frozenset[str]:
+    options = preset_space(pipeline).options if pipeline in preset_pipelines() else ()
+    return frozenset(option.name for option in options if option.unit == "pixels")
+
+
+def _definition(
+    request: TuneRequest, name: str, selection: Mapping[str, Any] = MappingProxyType({})
+) -> StudyDefinition:
+    given = request.sections
+    sequences = given.get("sequences") or [{"name": name_from(request.source.stem), "path": request.source.name}]
+    runs = {"clean_runs": CLEAN_RUNS, "noisy_runs": NOISY_RUNS, "noise_sigma": NOISE_SIGMA}
+    return checked_definition(
+        {
+            **given,
+            "name": name,
+            "pipeline": {"name": request.pipeline, **given.get("pipeline", {})},
+            "sequences": [{**one, **selection} for one in sequences],
+            "space": {**_preset_axes(request), **given.get("space", {})},
+            "gtf": {**runs, **given.get("gtf", {})},
+        },
+        str(request.source),
+    )
+
+
+def _preset_axes(request: TuneRequest) -> Mapping[str, Any]:
+    """Return the axes of the preset; axes given by hand stand alone where the pipeline has none."""
+    if request.pipeline not in preset_pipelines() and request.sections.get("space"):
+        return {}
+    return preset_space(request.pipeline).axes(request.tier)
+
+
+def _first_configurations(request: TuneRequest, definition: StudyDefinition) -> list[Mapping[str, OptionValue]]:
+    """Return what is tried first: the preset's portfolio, as far as its options are searched."""
+    if request.pipeline not in preset_pipelines():
+        return []
+    return [one for one in preset_space(request.pipeline).first if set(one) <= set(definition.space)]
+
+
+def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reduction) -> dict[str, Any]:
+    """Return the frames and the size of a reduced search; few frames and small images stay as they are."""
+    longer = max(sequence.width, sequence.height)
+    stride = min(round(1 / reduction.frames), max(len(sequence) // _FEWEST_REDUCED_FRAMES, 1))
+    return {
+        "max_image_size": max(round(longer * reduction.size), min(longer, _SMALLEST_IMAGE)),
+        "stride": stride * (given.stride or 1),
+    }
+
+
+def _price(definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, source: RunSource) -> RunPrice:
+    """Return what a run costs, from the first run of the nominal trial, which is stored for it.
+
+    Raises
+    ------
+    RunError
+        The run failed.
+    """
+    planner = RunPlanner(pipeline, definition.gtf, SeedSource(definition.search.seed), definition.fixed_options)
+    request = planner.request(sequence, {}, ("clean", 0), sigma=0.0, number=0)
+    stored = source.obtain([request])[0].stored
+    if stored.error:
+        raise RunError(f"the nominal options do not work on '{sequence.name}': {stored.error}")
+    seconds = {name: float(value) for name, value in stored.diagnostics.items() if name.endswith("_s")}
+    whole = max(stored.wall_s, sum(seconds.values()))
+    return RunPrice(whole, seconds.get("mapping_s", whole))
+
+
+def _plan_from(stored: Mapping[str, Any]) -> Plan:
+    return Plan(**{**stored, "reduction": Reduction(**stored["reduction"])})
+
+
+def _free_name(database: Database, request: TuneRequest) -> str:
+    """Return the name of the source, with a number where another study has it."""
+    base, taken = str(request.sections.get("name") or name_from(request.source.stem)), set(studies.names(database))
+    numbered = (f"{base}-{number}" for number in itertools.count(2))
+    return next(name for name in itertools.chain([base], numbered) if name not in taken)

@@ -1,0 +1,86 @@
+"""One command goes from images to an outcome, and goes on where it stopped."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Cli
+
+DEFINITION = """
+[pipeline]
+name = "analytic"
+
+[[sequences]]
+name = "room"
+path = "room"
+
+[space]
+"filter.max_error" = { low = 1e-3, high = 1e-1, log = true }
+"""
+TUNE = ("tune", "slam.toml", "--minutes", "0.2", "--jobs", "1")
+
+
+@pytest.fixture
+def slam(room: Path) -> Path:
+    path = room.with_name("slam.toml")
+    path.write_text(DEFINITION)
+    return path
+
+
+def test_tune_goes_from_a_definition_to_options_trajectories_and_a_report(cli: Cli, slam: Path) -> None:
+    done = cli(*TUNE)
+
+    assert done.code == 0, done.err
+    folder = slam.with_name("slam-tuned")
+    assert {path.name for path in folder.iterdir()} >= {
+        "options.json",
+        "options-nominal.json",
+        "trajectory.txt",
+        "trajectory-nominal.txt",
+        "report.html",
+    }
+    phases = [done.err.index(word) for word in ("estimate:", "plan:", "search:", "confirm:", "write:")]
+    assert phases == sorted(phases)
+    best = json.loads(cli("study", "best", "slam", "--json").out)
+    assert best["headline"] in done.out
+
+
+def test_calling_tune_again_goes_on_and_new_begins_another_study(cli: Cli, slam: Path) -> None:
+    cli(*TUNE)
+
+    again = cli(*TUNE)
+    other = cli(*TUNE, "--new")
+
+    assert "going on with study 'slam'; --new begins another one" in again.err
+    assert "created study 'slam-2'" in other.err
+    assert {line.split()[0] for line in cli("study", "list").out.splitlines()[1:]} == {"slam", "slam-2"}
+
+
+def test_a_folder_that_tune_did_not_make_is_not_replaced(cli: Cli, slam: Path) -> None:
+    precious = slam.with_name("slam-tuned")
+    precious.mkdir()
+    (precious / "thesis.tex").write_text("precious")
+
+    refused = cli(*TUNE)
+
+    assert refused.code == 1
+    assert "holds something else; choose another output folder or remove it" in refused.err
+    assert (precious / "thesis.tex").read_text() == "precious"
+
+
+def test_a_nominal_that_does_not_work_is_said_before_a_study_is_made(cli: Cli, slam: Path) -> None:
+    slam.write_text(DEFINITION.replace('name = "analytic"', 'name = "analytic"\nsettings = { failure = "error" }', 1))
+
+    refused = cli(*TUNE)
+
+    assert refused.code == 1
+    assert "the nominal options do not work on 'room': the analytic pipeline was told to fail" in refused.err
+    assert cli("study", "list").out == ""
+
+
+def test_a_pipeline_about_which_nothing_says_what_to_search_is_one_sentence(cli: Cli, room: Path) -> None:
+    refused = cli("tune", "room", "--pipeline", "analytic")
+
+    assert refused.code == 1
+    assert "nothing says what to search on pipeline 'analytic'; name the options" in refused.err
