@@ -8,8 +8,8 @@ import typer
 
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Nominal, Settings
 from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
+from gtf_tune.cli.study.true_errors import Side
 from gtf_tune.cli.terminal.console import number, say, write_json, write_pairs
-from gtf_tune.cli.true_errors import Side
 
 if TYPE_CHECKING:
     from gtf_tune.display import ScoreUnit

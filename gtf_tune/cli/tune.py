@@ -11,8 +11,8 @@ from gtf_tune.cli.executors import cores, make_executor
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Settings, Storage
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
 from gtf_tune.cli.study.create import Pipeline, Range, parse_range
-from gtf_tune.cli.study.run import INTERRUPTED_EXIT_CODE, work_on
-from gtf_tune.cli.terminal.console import duration, say, write_line
+from gtf_tune.cli.study.run import work_on
+from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, duration, say, write_line
 from gtf_tune.cli.values import parse_pairs, split_pairs
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ import typer
 
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.study.true_errors import TrueErrors
 from gtf_tune.cli.terminal.console import say, write_text
-from gtf_tune.cli.true_errors import TrueErrors
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database

@@ -9,8 +9,8 @@ from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage
 from gtf_tune.cli.study.notes import STOPPED_EARLY
 from gtf_tune.cli.study.run import Places, place_folders
+from gtf_tune.cli.study.true_errors import Side, TrueErrors
 from gtf_tune.cli.terminal.console import say, write_json, write_line, write_options, write_table
-from gtf_tune.cli.true_errors import Side, TrueErrors
 from gtf_tune.cli.values import parse_pairs
 
 if TYPE_CHECKING:

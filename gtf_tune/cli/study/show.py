@@ -7,8 +7,8 @@ import typer
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage
 from gtf_tune.cli.study.notes import STOPPED_EARLY, suggest_after_show, warn_of_lost_frames
+from gtf_tune.cli.study.true_errors import TrueErrors
 from gtf_tune.cli.terminal.console import duration, say, write_json, write_line, write_pairs, write_table
-from gtf_tune.cli.true_errors import TrueErrors
 
 if TYPE_CHECKING:
     from gtf_tune.definition import StudyDefinition
