@@ -127,7 +127,7 @@ def _reading(data: StudyData) -> str:
             "- **Intermediate values** are the same number, one noise instance after the other.",
             f"- **Trial 0** has the nominal options ({nominal_text(data.definition)}), and is what every improvement "
             "is measured against.",
-            "- `improvement_percent` compares a trial with trial 0 noise instance by noise instance; above 0 is better.",
+            "- `improvement_percent` compares a trial with trial 0 noise instance by noise instance; above 0: better.",
             f"- A trial with a value of {infeasible_from:.7g} or more is **infeasible**: a run failed or "
             "registered too few frames; the value is a penalty that keeps samplers away. Switch *Log y scale* on, or "
             "look at the figures instead.",
