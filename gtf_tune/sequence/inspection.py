@@ -30,7 +30,7 @@ _OFF_CENTRE = 0.15
 
 @dataclass(frozen=True)
 class Gap:
-    """Hold a break in the recording: the frames before and after it, and the seconds between them."""
+    """Break in the recording: the frames before and after it, and the seconds between them."""
 
     before: int
     after: int
@@ -39,7 +39,7 @@ class Gap:
 
 @dataclass(frozen=True)
 class SequenceReport:
-    """Hold what `inspect_sequence` found.
+    """What `inspect_sequence` found.
 
     ``rate_hz`` and ``duration_s`` are 0 where there are no timestamps. ``field_of_view_deg`` is horizontal, 0 where
     intrinsics are unknown; ``focal_prior`` is a rough focal length in pixels then. ``ground_truth_extent`` is the RMS

@@ -16,7 +16,7 @@ _SUFFIX = ".pgm"
 
 @dataclass(frozen=True, eq=False)
 class ImageSource:
-    """Give a pipeline one copy of a sequence: 8-bit grey images with Gaussian noise of ``sigma`` grey levels.
+    """One copy of a sequence for a pipeline: 8-bit grey images with Gaussian noise of ``sigma`` grey levels.
 
     ``sigma = 0`` is the clean copy; it goes through the same writer, and ``seed`` then means nothing.
 

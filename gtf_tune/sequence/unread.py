@@ -78,7 +78,7 @@ def _files(root: Path) -> Iterator[Path]:
     folder = root if root.is_dir() else root.parent
     for number, (name, folders, files) in enumerate(os.walk(folder)):
         depth = len(Path(name).relative_to(folder).parts)
-        folders[:] = sorted(one for one in folders if not one.startswith(".")) if depth < _DEPTH else []
+        folders[:] = sorted(inner for inner in folders if not inner.startswith(".")) if depth < _DEPTH else []
         if number >= _MOST_FOLDERS:
             return
         yield from (Path(name, file) for file in files if not file.startswith("."))

@@ -1,4 +1,4 @@
-"""Hold a sequence as a value: ordered frames of one camera and what is known of them."""
+"""Sequence as a value: ordered frames of one camera and what is known of them."""
 
 import hashlib
 import struct
@@ -20,7 +20,7 @@ _FINGERPRINT_THREADS = 2
 
 @dataclass(frozen=True)
 class Frame:
-    """Hold one image of a sequence: its position in the whole recording, its file, and its time in seconds."""
+    """One image of a sequence: its position in the whole recording, its file, and its time in seconds."""
 
     frame_id: int
     path: Path
@@ -29,7 +29,7 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """Hold ordered images of one camera.
+    """Ordered images of one camera.
 
     ``width`` and ``height`` are what the pipeline sees, in pixels; ``stored_size`` is that of the files. ``camera``
     belongs to the images as the pipeline sees them. ``ground_truth`` has the frame ids of the frames that have a pose.

@@ -26,10 +26,10 @@ _EARLY = 1e-3
 
 @dataclass(frozen=True)
 class Extraction:
-    """Say which frames to take: one per ``1 / rate_hz`` seconds, between ``start_s`` and ``stop_s`` (0: to the end).
+    """Which frames to take: one per ``1 / rate_hz`` seconds, between ``start_s`` and ``stop_s`` (0: to the end).
 
     ``choice = "regular"`` takes the first frame of each period, ``"sharpest"`` the one with the largest variance of the
-    Laplacian: less blur for slightly irregular times, which the written timestamps tell. ``max_frames`` stops after so
+    Laplacian: less blur for slightly irregular times, which the written timestamps have. ``max_frames`` stops after so
     many (0: no limit).
 
     Raises

@@ -7,6 +7,7 @@ from gtf_tune.display import nominal_text
 from gtf_tune.report.drawing import markup
 from gtf_tune.report.panels.base import Block, Panel, ReportInput
 from gtf_tune.report.study_data import StudyData
+from gtf_tune.store.studies import StudySequence
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ def provenance(data: StudyData) -> Provenance:
                 layout=sequence.layout,
                 frames=sequence.num_frames,
                 size=f"{sequence.width} x {sequence.height}",
-                camera=sequence.camera,
+                camera=_camera_words(sequence),
                 has_ground_truth=sequence.has_ground_truth,
                 sigma=str(sigmas.get(sequence.name, data.definition.gtf.noise_sigma)),
                 fingerprint=sequence.fingerprint,
@@ -102,6 +103,12 @@ def reproducibility_panel(report: ReportInput) -> list[Block]:
         markup.table([*columns, "fingerprint"], sequences),
         markup.folded("Definition of the study", markup.snippet("definition (JSON)", found.definition)),
     ]
+
+
+def _camera_words(sequence: StudySequence) -> str:
+    """Return the intrinsics that a sequence began with, or the focal length that runs start from."""
+    prior = sequence.info.get("focal_prior")
+    return sequence.camera if prior is None else f"{sequence.camera}, from {prior:.1f} pixels in EXIF"
 
 
 def _versions(data: StudyData) -> tuple[tuple[str, str], ...]:

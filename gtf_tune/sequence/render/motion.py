@@ -12,7 +12,7 @@ _UP = np.array((0.0, 0.0, 1.0))
 
 @dataclass(frozen=True, eq=False)
 class HandHeldPath:
-    """Hold a smooth path: an arc through the room with the sway and shake of a walking person.
+    """Smooth path: an arc through the room with the sway and shake of a walking person.
 
     ``phases`` are the random phases of the sway, of shape (6, 2): position x, y, z and rotation about x, y, z at two
     frequencies.

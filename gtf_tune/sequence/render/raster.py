@@ -24,7 +24,7 @@ _NEAR_M = 0.05
 
 @dataclass(frozen=True, eq=False)
 class TextureAtlas:
-    """Hold the mip maps of all faces in one flat array.
+    """Mip maps of all faces in one flat array.
 
     ``texels`` is flat; ``offsets``, ``widths`` and ``heights`` have the shape (faces, levels); levels beyond the
     smallest repeat it.

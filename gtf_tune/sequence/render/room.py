@@ -59,7 +59,7 @@ class RoomSpec:
 
 @dataclass(frozen=True, eq=False)
 class _Studio:
-    """Hold what all frames of one rendering share."""
+    """What all frames of one rendering share."""
 
     spec: RoomSpec
     faces: tuple[Face, ...]

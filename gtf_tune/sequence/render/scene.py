@@ -27,7 +27,7 @@ TEXELS_PER_M = 220
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """Hold a flat parallelogram: the points ``corner + u * right + v * down`` with u, v in [0, 1], in metres.
+    """Flat parallelogram: the points ``corner + u * right + v * down`` with u, v in [0, 1], in metres.
 
     Column 0 of the texture is at u = 0, row 0 at v = 0.
     """
