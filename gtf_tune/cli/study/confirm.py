@@ -99,7 +99,7 @@ def _write(verdict: "Verdict", score: str) -> None:
     if not verdict.candidates:
         return
     change = (f">change of {score}", "95 % interval")
-    write_table(["trial", *change, ">p (Holm)", "result"], [_line(one) for one in verdict.candidates])
+    write_table(["trial", *change, ">p (Holm)", "result"], [_line(candidate) for candidate in verdict.candidates])
     rows = [
         _sequence_line(candidate.number, name, found)
         for candidate in verdict.candidates
@@ -114,9 +114,15 @@ def _write(verdict: "Verdict", score: str) -> None:
             write_line(f"trial {candidate.number}: {reason}")
 
 
-def _line(one: "Candidate") -> tuple[str, ...]:
-    result = "passes" if one.passes else "does not pass"
-    return str(one.number), one.improvement.change, one.improvement.bounds, number(one.adjusted_p_value), result
+def _line(candidate: "Candidate") -> tuple[str, ...]:
+    result = "passes" if candidate.passes else "does not pass"
+    return (
+        str(candidate.number),
+        candidate.improvement.change,
+        candidate.improvement.bounds,
+        number(candidate.adjusted_p_value),
+        result,
+    )
 
 
 def _sequence_line(trial_number: int, name: str, found: "SequenceComparison") -> tuple[str, ...]:

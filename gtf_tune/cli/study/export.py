@@ -101,7 +101,14 @@ def _trials_csv(database: "Database", study: "Study") -> str:
         ]
         for trial in known
     ]
-    columns = ["ordinal", *facts, *more, "version_mismatch", *(f"{truth.side.key}:{one}" for one in sequences), *names]
+    columns = [
+        "ordinal",
+        *facts,
+        *more,
+        "version_mismatch",
+        *(f"{truth.side.key}:{sequence}" for sequence in sequences),
+        *names,
+    ]
     return export_module.table_csv(columns, rows)
 
 

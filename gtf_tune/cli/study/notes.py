@@ -47,7 +47,9 @@ def warn_of_mixed_versions(database: "Database", study_id: int, numbers: Collect
     for number in sorted(set(numbers) - {0}):
         if found.get(number) != found.get(0):
             notes = [
-                f"the worker of trial {one} noted that the study {found[one]}" for one in (0, number) if one in found
+                f"the worker of trial {trial} noted that the study {found[trial]}"
+                for trial in (0, number)
+                if trial in found
             ]
             say(
                 f"warning: nominal and trial {number} were made by different versions of the pipeline, which may be "

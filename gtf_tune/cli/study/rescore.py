@@ -77,29 +77,29 @@ def _true_errors(database: "Database", name: str, side: list[str] | None, places
         return TrueErrors(stored, ground_truth_errors.values(database, study.id))
     changed = changed_side_metric(stored, parse_pairs(side, "--side"))
     found = recompute_side_metric(database, name, changed, place_folders(places))
-    by_trial = {number: {one.sequence_name: one.value for one in errors} for number, errors in found.items()}
+    by_trial = {number: {error.sequence_name: error.value for error in errors} for number, errors in found.items()}
     return TrueErrors(changed, by_trial)
 
 
 def _write(found: "Rescored", truth: TrueErrors, unit: "ScoreUnit") -> None:
     say(f"score: {found.gtf.score_text}; the study is unchanged")
     improvements = _improvements(found)
-    ranked = sorted(found.trials, key=lambda trial: (trial.rank or math.inf, trial.trial.number))
+    ranked = sorted(found.trials, key=lambda rescored: (rescored.rank or math.inf, rescored.trial.number))
     rows = [
         (
-            str(one.trial.number),
-            str(one.rank or "-"),
-            str(one.rank_before or "-"),
-            f"{unit.text(one.score.value)}{_mark(one)}" if one.score.feasible else "infeasible",
-            improvements[one.trial.number].change,
-            "-" if math.isnan(one.score.collapse_rate) else f"{one.score.collapse_rate:.0%}",
-            *truth.cells(one.trial.number),
+            str(rescored.trial.number),
+            str(rescored.rank or "-"),
+            str(rescored.rank_before or "-"),
+            f"{unit.text(rescored.score.value)}{_mark(rescored)}" if rescored.score.feasible else "infeasible",
+            improvements[rescored.trial.number].change,
+            "-" if math.isnan(rescored.score.collapse_rate) else f"{rescored.score.collapse_rate:.0%}",
+            *truth.cells(rescored.trial.number),
         )
-        for one in ranked
+        for rescored in ranked
     ]
     title = f">{unit.name} [{unit.short}]"
     write_table([">trial", ">rank", ">before", title, ">vs nominal", ">collapsed", *truth.columns], rows)
-    if any(_mark(one) for one in found.trials):
+    if any(_mark(rescored) for rescored in found.trials):
         write_line(STOPPED_EARLY)
     if found.best is not None:
         write_line(f"first by this score: trial {found.best.trial.number}")
@@ -112,7 +112,8 @@ def _improvements(found: "Rescored") -> "dict[int, Improvement]":
 
     nominal = score_matrices(found.trials[0].score)
     improvements = {
-        one.trial.number: paired_improvement(nominal, score_matrices(one.score)) for one in found.trials[1:]
+        rescored.trial.number: paired_improvement(nominal, score_matrices(rescored.score))
+        for rescored in found.trials[1:]
     }
     return {found.trials[0].trial.number: UNKNOWN_IMPROVEMENT, **improvements}
 
@@ -125,22 +126,22 @@ def _as_json(found: "Rescored", truth: TrueErrors) -> dict[str, Any]:
         "best": found.best.trial.number if found.best else None,
         "trials": [
             {
-                "ordinal": one.trial.number,
-                "options": dict(one.trial.options or {}),
-                "value_before": one.trial.value,
-                "rank_before": one.rank_before or None,
-                "value": one.score.value,
-                "confidence_interval": list(one.score.confidence_interval),
-                "improvement": improvements[one.trial.number].as_json(),
-                "rank": one.rank or None,
-                "feasible": one.score.feasible,
-                "collapse_rate": one.score.collapse_rate,
-                **truth.as_json(one.trial.number),
+                "ordinal": rescored.trial.number,
+                "options": dict(rescored.trial.options or {}),
+                "value_before": rescored.trial.value,
+                "rank_before": rescored.rank_before or None,
+                "value": rescored.score.value,
+                "confidence_interval": list(rescored.score.confidence_interval),
+                "improvement": improvements[rescored.trial.number].as_json(),
+                "rank": rescored.rank or None,
+                "feasible": rescored.score.feasible,
+                "collapse_rate": rescored.score.collapse_rate,
+                **truth.as_json(rescored.trial.number),
             }
-            for one in found.trials
+            for rescored in found.trials
         ],
     }
 
 
-def _mark(one: "RescoredTrial") -> str:
-    return "*" if one.trial.state == "pruned" else ""
+def _mark(rescored: "RescoredTrial") -> str:
+    return "*" if rescored.trial.state == "pruned" else ""

@@ -92,14 +92,14 @@ def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list[
 
     gtf = definition.gtf
     noise = _noise(definition, study)
-    finished = sum(one.count for one in efforts if one.state != "claimed")
+    finished = sum(effort.count for effort in efforts if effort.state != "claimed")
     saved = _saved(definition, efforts)
     write_pairs(
         {
             "study": f"{definition.name} ({study.state}, {finished} trials done)",
             "pipeline": definition.pipeline.name,
             **({"nominal": nominal_text(definition)} if definition.pipeline.nominal else {}),
-            "sequences": ", ".join(one.name for one in definition.sequences),
+            "sequences": ", ".join(sequence.name for sequence in definition.sequences),
             "runs a trial": f"{gtf.clean_runs} clean, {gtf.noisy_runs_text} noisy {noise}",
             "score": gtf.score_text,
             "sampler": f"{definition.search.sampler}, seed {definition.search.seed}",
@@ -113,7 +113,9 @@ def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list[
 def _noise(definition: "StudyDefinition", study: "Study") -> str:
     """Return the noise of the search in words, for each sequence where it was measured and differs."""
     known = study.resolved["noise_sigma"]
-    found = {one.name: known[one.name] for one in definition.searched_sequences if one.name in known}
+    found = {
+        sequence.name: known[sequence.name] for sequence in definition.searched_sequences if sequence.name in known
+    }
     if len(set(found.values())) > 1:
         return f"at {', '.join(f'{sigma:g} ({name})' for name, sigma in found.items())} grey levels"
     return next((f"at {sigma:g} grey levels" for sigma in found.values()), "(the noise is measured first)")

@@ -110,15 +110,18 @@ def _candidates(verdict: Verdict) -> Html:
     sequences = list(verdict.candidates[0].by_sequence)
     rows = [
         (
-            one.number,
-            one.improvement.change,
-            one.improvement.bounds,
-            significant(one.adjusted_p_value, 2),
-            *(one.by_sequence[name].improvement.change if name in one.by_sequence else "-" for name in sequences),
-            "passes" if one.passes else "does not pass",
-            "; ".join(one.reasons) or "-",
+            candidate.number,
+            candidate.improvement.change,
+            candidate.improvement.bounds,
+            significant(candidate.adjusted_p_value, 2),
+            *(
+                candidate.by_sequence[name].improvement.change if name in candidate.by_sequence else "-"
+                for name in sequences
+            ),
+            "passes" if candidate.passes else "does not pass",
+            "; ".join(candidate.reasons) or "-",
         )
-        for one in verdict.candidates
+        for candidate in verdict.candidates
     ]
     head = [">candidate", ">change", ">95 % interval", ">p (Holm)", *(f">on {name}" for name in sequences)]
     title = markup.element("h4", markup.text("Confirmation on fresh noise"))

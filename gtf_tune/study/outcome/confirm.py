@@ -72,11 +72,11 @@ def plan_confirmation(
             f"a confirmation needs at least {_FEWEST_RUNS} noisy runs, not {noisy_runs}; raise --runs"
         )
     database, name = study.database, study.definition.name
-    known = [one for one in trials.of_study(database, study.record.id) if one.state == "complete"]
-    nominal = next((one for one in known if one.number == 0), None)
+    known = [trial for trial in trials.of_study(database, study.record.id) if trial.state == "complete"]
+    nominal = next((trial for trial in known if trial.number == 0), None)
     if nominal is None:
         raise DefinitionError(f"study '{name}' has no complete nominal trial; run it with: gtf-tune study run {name}")
-    if not any(one.feasible for one in known):
+    if not any(trial.feasible for trial in known):
         raise DefinitionError(without_feasible_trial(database, study.record))
     earlier = confirmations.of_study(database, study.record.id)
     return ConfirmationPlan(
@@ -115,24 +115,26 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Verd
 
 
 def _candidates(known: list[Trial], nominal: Trial, top: int) -> tuple[Trial, ...]:
-    better = [one for one in known if one.number and one.feasible and one.value is not None and one.options]
+    better = [trial for trial in known if trial.number and trial.feasible and trial.value is not None and trial.options]
     if nominal.feasible and nominal.value is not None:
-        better = [one for one in better if one.value is not None and one.value < nominal.value]
+        better = [trial for trial in better if trial.value is not None and trial.value < nominal.value]
     chosen: list[Trial] = []
-    for trial in sorted(better, key=lambda one: (one.value, one.number)):
-        if len(chosen) < top and all(trial.options != one.options for one in (nominal, *chosen)):
+    for trial in sorted(better, key=lambda trial: (trial.value, trial.number)):
+        if len(chosen) < top and all(trial.options != other.options for other in (nominal, *chosen)):
             chosen.append(trial)
     return tuple(chosen)
 
 
 def _all_sequences(study: OpenStudy, places: Mapping[str, Path]) -> dict[str, Sequence]:
     """Return the searched sequences and those held out, checked to be what the study began with."""
-    stored = {one.name: one for one in studies.sequences(study.database, study.record.id)}
+    stored = {record.name: record for record in studies.sequences(study.database, study.record.id)}
     found = dict(study.sequences)
-    for one in study.definition.sequences:
-        if one.holdout:
+    for sequence in study.definition.sequences:
+        if sequence.holdout:
             root = Path(study.record.root)
-            found[one.name], _ = load_stored_sequence(one, stored[one.name], folder_of(one, root, places))
+            found[sequence.name], _ = load_stored_sequence(
+                sequence, stored[sequence.name], folder_of(sequence, root, places)
+            )
     return found
 
 

@@ -86,14 +86,14 @@ UNKNOWN_IMPROVEMENT = Improvement(math.nan, math.nan, math.nan, 0)
 
 def read_improvements(database: Database, study_id: int, chosen: Iterable[Trial]) -> dict[int, Improvement]:
     """Return the improvements of some trials of a study by number; infeasible ones and nominal are left out."""
-    comparable = [one for one in chosen if one.feasible and one.number]
+    comparable = [trial for trial in chosen if trial.feasible and trial.number]
     nominal = trials.nominal(database, study_id) if comparable else None
     if nominal is None or not nominal.feasible:
         return {}
-    details = trials.details(database, [one.id for one in comparable])
+    details = trials.details(database, [trial.id for trial in comparable])
     if any(_STORED_AS not in detail for detail in details.values()):
         details |= trials.details(database, [nominal.id])
-    return {one.number: improvement_of(details[one.id], details.get(nominal.id, {})) for one in comparable}
+    return {trial.number: improvement_of(details[trial.id], details.get(nominal.id, {})) for trial in comparable}
 
 
 def improvement_of(detail: Mapping[str, Any], nominal: Mapping[str, Any]) -> Improvement:
@@ -140,7 +140,7 @@ def paired_improvement(nominal: "Matrices", other: "Matrices") -> Improvement:
     if not nominal or nominal.keys() != other.keys():
         return UNKNOWN_IMPROVEMENT
     pairs = [(nominal[name], other[name]) for name in nominal]
-    if not all(one.size for pair in pairs for one in pair):
+    if not all(matrix.size for pair in pairs for matrix in pair):
         return UNKNOWN_IMPROVEMENT
     try:
         tables = [compared_table(*pair)[0] for pair in pairs]
@@ -156,7 +156,7 @@ def stored_matrices(detail: Mapping[str, Any]) -> "dict[str, FloatArray]":
     """Return the (k, k_delta) errors by sequence from what is stored with a trial; empty where it has none."""
     import numpy as np
 
-    stored = {name: one.get("matrix") for name, one in detail.get("sequences", {}).items()}
+    stored = {name: sequence.get("matrix") for name, sequence in detail.get("sequences", {}).items()}
     if not all(stored.values()):
         return {}
     return {name: np.array(matrix, dtype=np.float64) for name, matrix in stored.items()}  # None becomes NaN
@@ -166,7 +166,7 @@ def score_matrices(score: "TrialScore") -> "dict[str, FloatArray]":
     """Return the (k, k_delta) errors by sequence of a trial that may be used; empty where it is infeasible."""
     if not score.feasible:
         return {}
-    return {name: one.score.matrix for name, one in score.by_sequence.items() if one.score is not None}
+    return {name: sequence.score.matrix for name, sequence in score.by_sequence.items() if sequence.score is not None}
 
 
 def _without_interval(pairs: "list[tuple[FloatArray, FloatArray]]") -> Improvement:

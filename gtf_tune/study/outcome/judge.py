@@ -81,13 +81,17 @@ def judge(findings: Findings, gtf: GtfDefinition) -> Verdict:
     nominal = findings.nominal
     if nominal is None:
         return Verdict(KEEP, None, (), None)
-    compared = [_compare(nominal, one, findings.holdouts, gtf) for one in findings.candidates]
-    adjusted = holm([1.0 if one.together is None else one.together.p_value for one in compared])
+    compared = [_compare(nominal, candidate, findings.holdouts, gtf) for candidate in findings.candidates]
+    adjusted = holm([1.0 if comparison.together is None else comparison.together.p_value for comparison in compared])
     candidates = tuple(
-        _candidate(one, float(p_value), nominal, findings.holdouts)
-        for one, p_value in zip(compared, adjusted, strict=True)
+        _candidate(comparison, float(p_value), nominal, findings.holdouts)
+        for comparison, p_value in zip(compared, adjusted, strict=True)
     )
-    adopted = max((one for one in candidates if one.passes), key=lambda one: one.improvement.low, default=None)
+    adopted = max(
+        (candidate for candidate in candidates if candidate.passes),
+        key=lambda candidate: candidate.improvement.low,
+        default=None,
+    )
     facts = {name: _facts(score) for name, score in nominal.scores.items()}
     return Verdict(
         word=ADOPT if adopted else NO_VERDICT if _fails(nominal, findings.holdouts) else KEEP,
@@ -132,7 +136,7 @@ def _is_worse(found: PairedDifference) -> bool:
 
 def _faults(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinition) -> list[str]:
     found = _lost_frames(name, nominal, candidate, gtf)
-    apart = [int((one.common_shares < LEAST_COMMON).sum()) for one in (nominal, candidate)]
+    apart = [int((score.common_shares < LEAST_COMMON).sum()) for score in (nominal, candidate)]
     if apart[1] > apart[0] and not found:
         shown, wanted = below(float(candidate.common_shares.min()), LEAST_COMMON)
         found.append(f"a noisy run on {name} shares {shown} of its frames with a clean one, less than {wanted}")
@@ -152,7 +156,7 @@ def _lost_frames(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefi
     """Return the worst run where more runs of the candidate than of nominal miss the floor that nominal sets."""
     clean, noisy = nominal.coverage_clean.tolist(), nominal.coverage_noisy.tolist()
     floor = coverage_floor(clean, noisy, gtf.coverage_floor)
-    missing = [_missing(one, floor) for one in (nominal, candidate)]
+    missing = [_missing(score, floor) for score in (nominal, candidate)]
     if sum(gap > 0 for gap, _, _ in missing[1]) <= sum(gap > 0 for gap, _, _ in missing[0]):
         return []
     _, *both = max(missing[1])
@@ -163,54 +167,54 @@ def _lost_frames(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefi
 def _missing(score: GtfScore, floor: CoverageFloor) -> list[tuple[float, float, float]]:
     """Return for every run how much it lacks, its coverage, and its floor."""
     runs = [
-        *((one, floor.clean) for one in score.coverage_clean.tolist()),
-        *((one, floor.noisy) for one in score.coverage_noisy.tolist()),
+        *((coverage, floor.clean) for coverage in score.coverage_clean.tolist()),
+        *((coverage, floor.noisy) for coverage in score.coverage_noisy.tolist()),
     ]
     return [(wanted - coverage, coverage, wanted) for coverage, wanted in runs]
 
 
-def _candidate(one: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> Candidate:
-    reasons = _reasons(one, adjusted, nominal, holdouts)
+def _candidate(compared: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> Candidate:
+    reasons = _reasons(compared, adjusted, nominal, holdouts)
     return Candidate(
-        number=one.candidate.number,
-        options=dict(one.candidate.options),
-        value=_value(one),
-        improvement=_improvement(one.together),
-        p_value=_p_value(one.together),
+        number=compared.candidate.number,
+        options=dict(compared.candidate.options),
+        value=_value(compared),
+        improvement=_improvement(compared.together),
+        p_value=_p_value(compared.together),
         adjusted_p_value=adjusted,
         passes=not reasons,
         reasons=tuple(reasons),
         by_sequence={
             name: SequenceComparison(
-                _facts(one.candidate.scores[name]), _improvement(found), _p_value(found), name in holdouts
+                _facts(compared.candidate.scores[name]), _improvement(found), _p_value(found), name in holdouts
             )
-            for name, found in one.by_sequence.items()
+            for name, found in compared.by_sequence.items()
         },
     )
 
 
-def _reasons(one: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> list[str]:
+def _reasons(compared: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> list[str]:
     """Return all that speaks against a candidate."""
-    reasons = list(one.faults)
-    if one.together is None and _fails(nominal, holdouts):
+    reasons = list(compared.faults)
+    if compared.together is None and _fails(nominal, holdouts):
         name, count = min(_working(nominal).items(), key=lambda item: (item[0] in holdouts, item[1]))
         of_all = f"{count} of {len(nominal.scores[name].coverage_noisy)} noisy runs on {name}"
         reasons.append(f"cannot be compared with nominal, which worked in {of_all}")
-    elif one.together is None:
+    elif compared.together is None:
         reasons.append("cannot be compared with nominal: too few runs worked under both")
-    elif one.together.ratio >= 1 or adjusted >= SIGNIFICANCE:
+    elif compared.together.ratio >= 1 or adjusted >= SIGNIFICANCE:
         reasons.append("not significantly better than nominal")
-    elif one.together.ratio > 1 - LEAST_IMPROVEMENT:
+    elif compared.together.ratio > 1 - LEAST_IMPROVEMENT:
         reasons.append(f"better by less than {LEAST_IMPROVEMENT:.0%}, which is not worth a change")
     return reasons
 
 
-def _value(one: _Compared) -> float:
+def _value(compared: _Compared) -> float:
     """Return the candidate's score: of the only sequence, or over sequences relative to nominal."""
-    scores = list(one.candidate.scores.values())
+    scores = list(compared.candidate.scores.values())
     if len(scores) == 1:
         return scores[0].value
-    return one.together.ratio if one.together else math.nan
+    return compared.together.ratio if compared.together else math.nan
 
 
 def _improvement(found: PairedDifference | None) -> Improvement:

@@ -274,12 +274,12 @@ def recommend(database: Database, study: Study) -> Recommendation:
 
 def evidence_of(score: str, known: Sequence[Trial], verdict: Verdict | None) -> Evidence:
     """Return the evidence from all trials of a study and the verdict of its last confirmation."""
-    feasible = [one for one in known if one.state == "complete" and one.feasible and one.value is not None]
-    by_number = {one.number: one for one in known}
+    feasible = [trial for trial in known if trial.state == "complete" and trial.feasible and trial.value is not None]
+    by_number = {trial.number: trial for trial in known}
     return Evidence(
         score=score,
         nominal=by_number.get(0),
-        best=min(feasible, key=lambda one: (one.value, one.number), default=None),
+        best=min(feasible, key=lambda trial: (trial.value, trial.number), default=None),
         adopted=by_number.get(verdict.adopted) if verdict and verdict.adopted is not None else None,
         confirmation=verdict,
         num_trials=len(known),
@@ -307,7 +307,7 @@ def without_feasible_trial(database: Database, study: Study) -> str:
     name = study.name
     if study.state != "done":
         return f"study '{name}' has no feasible trial yet; run it with: gtf-tune study run {name}"
-    reasons = Counter(one.message for one in trials.of_study(database, study.id) if one.message)
+    reasons = Counter(trial.message for trial in trials.of_study(database, study.id) if trial.message)
     reason = reasons.most_common(1)[0][0] if reasons else "no reason was stored"
     return f"no trial of study '{name}' is feasible: {reason}; see: gtf-tune study show {name}"
 
@@ -324,8 +324,8 @@ def _read_evidence(database: Database, study: Study) -> Evidence:
         best=trials.best(database, study.id),
         adopted=adopted,
         confirmation=verdict,
-        num_trials=sum(one.count for one in efforts),
-        num_feasible=sum(one.count for one in efforts if one.state == "complete" and one.feasible),
+        num_trials=sum(effort.count for effort in efforts),
+        num_feasible=sum(effort.count for effort in efforts if effort.state == "complete" and effort.feasible),
     )
 
 

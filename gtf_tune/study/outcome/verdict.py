@@ -99,7 +99,7 @@ class Candidate:
             "adjusted_p_value": known(self.adjusted_p_value),
             "verdict": ADOPT if self.passes else KEEP,
             "reasons": list(self.reasons),
-            "by_sequence": {name: one.as_json() for name, one in self.by_sequence.items()},
+            "by_sequence": {name: found.as_json() for name, found in self.by_sequence.items()},
             "value": known(self.value),
         }
 
@@ -117,7 +117,7 @@ class Candidate:
             passes=stored.get("verdict") == ADOPT,
             reasons=tuple(stored.get("reasons") or ()),
             by_sequence={
-                name: SequenceComparison.from_json(one) for name, one in (stored.get("by_sequence") or {}).items()
+                name: SequenceComparison.from_json(found) for name, found in (stored.get("by_sequence") or {}).items()
             },
         )
 
@@ -132,13 +132,13 @@ class MeasuredNominal:
 
     def as_json(self) -> dict[str, Any]:
         """Return the stored form."""
-        facts = {name: one.as_json() for name, one in self.by_sequence.items()}
+        facts = {name: found.as_json() for name, found in self.by_sequence.items()}
         return {"ordinal": self.number, "options": dict(self.options), "by_sequence": facts}
 
     @classmethod
     def from_json(cls, stored: Mapping[str, Any]) -> Self:
         """Return what `as_json` wrote."""
-        facts = {name: SequenceFacts.from_json(one) for name, one in (stored.get("by_sequence") or {}).items()}
+        facts = {name: SequenceFacts.from_json(found) for name, found in (stored.get("by_sequence") or {}).items()}
         return cls(int(stored.get("ordinal") or 0), stored.get("options") or {}, facts)
 
 
@@ -171,19 +171,19 @@ class Verdict:
         return {
             "verdict": self.word,
             "adopted": self.adopted,
-            "candidates": [one.as_json() for one in self.candidates],
+            "candidates": [candidate.as_json() for candidate in self.candidates],
             "nominal": self.nominal.as_json() if self.nominal else None,
             "runs": self.noisy_runs,
         }
 
     @classmethod
     def from_json(cls, stored: Mapping[str, Any], word: str) -> Self:
-        """Return the verdict that `as_json` wrote; ``word`` is the one that is stored beside it."""
+        """Return the verdict that `as_json` wrote; ``word`` is the candidate that is stored beside it."""
         nominal = stored.get("nominal")
         return cls(
             word=cast(VerdictWord, word),
             adopted=stored.get("adopted"),
-            candidates=tuple(Candidate.from_json(one) for one in stored.get("candidates") or ()),
+            candidates=tuple(Candidate.from_json(candidate) for candidate in stored.get("candidates") or ()),
             nominal=MeasuredNominal.from_json(nominal) if nominal else None,
             noisy_runs=int(stored.get("runs") or 0),
         )
@@ -191,7 +191,7 @@ class Verdict:
     @property
     def adopted_candidate(self) -> Candidate | None:
         """The candidate that is adopted."""
-        return next((one for one in self.candidates if one.number == self.adopted), None)
+        return next((candidate for candidate in self.candidates if candidate.number == self.adopted), None)
 
     @property
     def leading(self) -> Candidate | None:
@@ -205,7 +205,7 @@ class Verdict:
         better.
         """
         measured = [self.nominal.options] if self.nominal else []
-        return options in [*measured, *(one.options for one in self.candidates)]
+        return options in [*measured, *(candidate.options for candidate in self.candidates)]
 
 
 def verdict_of(confirmation: Confirmation) -> Verdict:
@@ -218,7 +218,7 @@ def _size(candidate: Candidate) -> float:
 
 
 def _effect_json(improvement: Improvement, p_value: float) -> dict[str, float | int | None]:
-    value, low, high = (known(one) for one in (improvement.value, improvement.low, improvement.high))
+    value, low, high = (known(bound) for bound in (improvement.value, improvement.low, improvement.high))
     return {
         "improvement": value,
         "low": low,
