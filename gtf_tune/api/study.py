@@ -165,7 +165,9 @@ class Study:
         study = self._open()
         plan = plan_confirmation(study, {}, top=top, noisy_runs=noisy_runs)
         with _interruptible() as stop, executor_here(jobs) as executor:
-            source = RunSource(self._database, executor, run_limits(study.definition.limits), stop, _logged(study))
+            source = RunSource(
+                self._database, executor, run_limits(study.definition.limits), stop, _logged(study), study.nominal_run
+            )
             try:
                 return confirm(study, plan, source)
             except Interrupted:

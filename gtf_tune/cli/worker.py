@@ -61,7 +61,7 @@ def worker(
         raise DefinitionError("--once leaves as soon as nothing is left, --idle-exit S seconds later; give one of them")
     rules = WorkerRules(
         names=tuple(study or ()),
-        places=SequencePlaces(place_folders(sequence), data_root),
+        places=SequencePlaces(place_folders(sequence), data_root.absolute() if data_root else None),
         allow_version_mismatch=allow_version_mismatch,
         trial_parallel=trial_parallel,
         idle_exit_s=0.0 if once else math.inf if idle_exit is None else idle_exit,

@@ -31,7 +31,7 @@ class GtfDefinition(Section):
     ``mean`` is the paper's. ``rpe_delta`` is in ``rpe_delta_unit`` and only read by the rpe metrics.
     """
 
-    clean_runs: int = Field(default=2, ge=1)
+    clean_runs: int = Field(default=2, ge=1, le=1000)
     noisy_runs: int | NoisyRuns = 6
     noise_sigma: float | Literal["auto"] = "auto"
     metric: Literal["ate", "rpe_translation", "rpe_rotation"] = "ate"

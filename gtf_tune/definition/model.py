@@ -79,8 +79,8 @@ class SequenceDefinition(Section):
 class LimitsDefinition(Section):
     """Define what one run may take."""
 
-    run_timeout_s: float = Field(default=600.0, gt=0)
-    run_memory_gb: float = Field(default=8.0, gt=0)
+    run_timeout_s: float = Field(default=600.0, gt=0, le=1e9)
+    run_memory_gb: float = Field(default=8.0, gt=0, le=1e6)
 
 
 class StudyDefinition(Section):

@@ -34,7 +34,7 @@ class SearchDefinition(Section):
 
     sampler: str = "auto"
     sampler_arguments: dict[str, JsonValue] = Field(default_factory=dict)
-    trials: int | None = Field(default=None, ge=1)
+    trials: int | None = Field(default=None, ge=1, le=10**7)
     seed: int = Field(default=0, ge=0, lt=2**31)
     pruner: Literal["none", "wilcoxon"] = "none"
 

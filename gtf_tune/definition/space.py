@@ -20,7 +20,7 @@ class RangeAxis(Section):
     high: int | float
     log: bool = False
     step: int | float | None = Field(default=None, gt=0)
-    points: int = Field(default=9, ge=2)
+    points: int = Field(default=9, ge=2, le=10**6)
 
     @model_validator(mode="after")
     def _check_bounds(self) -> Self:

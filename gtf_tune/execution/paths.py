@@ -64,6 +64,7 @@ class Scratch:
     """
 
     def __init__(self, root: Path) -> None:
+        root = root.expanduser().absolute()  # programs start in folders of their own
         try:
             root.mkdir(parents=True, exist_ok=True)
             with (root / "turn.lock").open("ab") as turn:
@@ -98,9 +99,9 @@ class Scratch:
 
 
 def default_cache_folder() -> Path:
-    """Return the folder of the stage cache: ``GTF_TUNE_CACHE_DIR``, else the platform's place for caches."""
+    """Return the absolute folder of the stage cache: ``GTF_TUNE_CACHE_DIR``, else the platform's place for caches."""
     chosen = os.environ.get("GTF_TUNE_CACHE_DIR")
-    return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("gtf-tune"))
+    return Path(chosen or platformdirs.user_cache_dir("gtf-tune")).expanduser().absolute()
 
 
 def _unwritable(folder: Path, error: OSError) -> MachineError:

@@ -152,6 +152,7 @@ class _TimedStages:
 
 def _run(request: RunRequest, paths: RunPaths, store: StageStore) -> PipelineOutput:
     note = PhaseNote(paths.phase)
+    request.sequence.check_unchanged()
     with store.open(paths.workspace / "stages") as stages:
         workspace = paths.workspace / "pipeline"
         workspace.mkdir()
@@ -167,6 +168,7 @@ def _run(request: RunRequest, paths: RunPaths, store: StageStore) -> PipelineOut
             waiting=note.waiting,
         )
         output = request.pipeline.run(job)
+    request.sequence.check_unchanged()
     if len(output.trajectory) == 0:
         raise RunError("the pipeline gave back a trajectory without poses")
     if output.trajectory.ids_are_counted:

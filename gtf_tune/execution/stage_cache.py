@@ -50,6 +50,10 @@ class StageCache:
     folder: Path
     limit_bytes: int = DEFAULT_LIMIT_BYTES
 
+    def __post_init__(self) -> None:
+        # Programs start in folders of their own, where a relative path would name another place.
+        object.__setattr__(self, "folder", self.folder.expanduser().absolute())
+
     @contextlib.contextmanager
     def open(self, workspace: Path) -> Iterator["_CachedStages"]:
         """Yield the stages of one run; entries that it has reached are not evicted until the context ends."""

@@ -3,7 +3,7 @@
 import hashlib
 import struct
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from gtf_tune.sequence.images import read_grey
 from gtf_tune.trajectory import Trajectory
 
 _FINGERPRINT_THREADS = 2
+_STAMPS = "stamps of files"
 
 
 @dataclass(frozen=True)
@@ -79,11 +80,43 @@ class Sequence:
         It is the digest over (frame id, width, height, SHA-256 of the pixels) of each frame, all numbers as
         little-endian 64-bit integers, which lets frames be hashed side by side.
         """
+        stamps = self._stamps()  # before the pixels are read, so that no later change is missed
         total = hashlib.sha256()
         with ThreadPoolExecutor(_FINGERPRINT_THREADS) as pool:
             for frame, pixels in zip(self.frames, pool.map(self._pixel_digest, self.frames), strict=True):
                 total.update(struct.pack("<qqq", frame.frame_id, self.width, self.height) + pixels)
+        self.__dict__[_STAMPS] = stamps
         return total.hexdigest()
+
+    def check_unchanged(self) -> None:
+        """Raise `SequenceError` if the images are no longer those of the fingerprint.
+
+        Pixels are compared only where the size, time or inode of a file differs.
+        """
+        before = self.__dict__.get(_STAMPS)  # absent where nobody has asked for the fingerprint yet
+        if before is None:
+            return
+        now = self._stamps()
+        if now == before:
+            return
+        if replace(self).fingerprint != self.fingerprint:  # a copy has no fingerprint yet
+            raise SequenceError(
+                f"the images of sequence '{self.name}' in {self.root} were changed while they were worked on; restore "
+                "them, or create a new study"
+            )
+        self.__dict__[_STAMPS] = now
+
+    def _stamps(self) -> tuple[tuple[int, int, int], ...]:
+        """Return size, time and inode of each file; zeros where there is none, which reading it reports."""
+        return tuple(_stamp(frame.path) for frame in self.frames)
 
     def _pixel_digest(self, frame: Frame) -> bytes:
         return hashlib.sha256(self.read_grey(frame).data).digest()
+
+
+def _stamp(path: Path) -> tuple[int, int, int]:
+    try:
+        status = path.stat()
+    except OSError:
+        return 0, 0, 0
+    return status.st_size, status.st_mtime_ns, status.st_ino

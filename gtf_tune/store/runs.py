@@ -134,9 +134,15 @@ def _row(request: RunRequest, outcome: RunOutcome) -> dict[str, Any]:
         "versions": dict(outcome.versions),
         "num_frames": len(request.sequence),
         "num_poses": len(outcome.trajectory),
-        "diagnostics": dict(outcome.diagnostics),
+        "diagnostics": {**outcome.diagnostics, **_failure_of(outcome)},
         "trajectory_digest": digest_of(outcome.trajectory),
     }
+
+
+def _failure_of(outcome: RunOutcome) -> dict[str, DiagnosticValue]:
+    """Return how often a run was tried and who is at fault, where it did not work the first time."""
+    cause: dict[str, DiagnosticValue] = {"failure": outcome.cause} if outcome.status == "failed" else {}
+    return {**cause, "attempts": outcome.attempts} if cause or outcome.attempts > 1 else {}
 
 
 def _one(session: Session, key: str) -> StoredRun:

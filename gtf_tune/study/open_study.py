@@ -10,6 +10,7 @@ from optuna.samplers import RandomSampler
 from gtf_tune.definition import DEFAULT_TRIALS, SequenceDefinition, StudyDefinition
 from gtf_tune.errors import DefinitionError, SequenceError
 from gtf_tune.pipelines import Pipeline, create_pipeline
+from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
@@ -48,6 +49,10 @@ class OpenStudy:
         """Return the planner of the search's runs."""
         seeds = SeedSource(self.definition.search.seed)
         return RunPlanner(self.pipeline, self.definition.gtf, seeds, self.definition.fixed_options)
+
+    def nominal_run(self, sequence: Sequence) -> RunRequest:
+        """Return the first run of the nominal trial on a sequence, which shows whether a machine can run anything."""
+        return self.planner.request(sequence, self.space.nominal, ("clean", 0), sigma=0.0, number=0)
 
     @property
     def budget(self) -> int:

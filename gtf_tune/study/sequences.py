@@ -43,9 +43,9 @@ def load_stored_sequence(definition: SequenceDefinition, stored: StudySequence, 
         found = _load(definition, folder, rules)
     except SequenceError as error:
         found, fault = _load(definition.model_copy(update={"camera": _UNKNOWN}), folder, rules), str(error)
-    check_fingerprint(found, stored.fingerprint)
     prior = stored.info.get("focal_prior")
     sequence = replace(found, camera=_stored_camera(stored), focal_prior=None if prior is None else float(prior))
+    check_fingerprint(sequence, stored.fingerprint)  # of what is handed out, which remembers the files that it saw
     if fault or found.camera != sequence.camera:
         return sequence, _change(sequence, found.camera, fault)
     return sequence, ""

@@ -62,7 +62,7 @@ def confirm(
     plan = plan_confirmation(study, place_folders(sequence), top=top, noisy_runs=runs)
     stop = StopRequest()
     with signals_to(stop, say), make_executor(jobs or cores(), cache_dir) as executor:
-        source = RunSource(database, executor, run_limits(study.definition.limits), stop, _say_event)
+        source = RunSource(database, executor, run_limits(study.definition.limits), stop, _say_event, study.nominal_run)
         try:
             verdict = confirm_plan(study, plan, source)
         except Interrupted:

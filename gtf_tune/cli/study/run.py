@@ -161,7 +161,7 @@ def open_for_work(database: "Database", name: str, places: list[str] | None, all
 
 def place_folders(places: list[str] | None) -> dict[str, Path]:
     """Return the folders of the sequences that ``--sequence NAME=PATH`` names."""
-    return {name: Path(path) for name, path in split_pairs(places, "--sequence").items()}
+    return {name: Path(path).expanduser().absolute() for name, path in split_pairs(places, "--sequence").items()}
 
 
 def _change_sampler(database: "Database", name: str, sampler: str | None) -> None:

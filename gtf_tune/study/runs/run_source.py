@@ -1,12 +1,15 @@
 """Obtain the runs of a trial: from the database where they exist, from the executor otherwise."""
 
-from collections.abc import Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field, replace
 
 from gtf_tune.definition import LimitsDefinition
+from gtf_tune.errors import StorageError
 from gtf_tune.execution import Executor, RunLimits
 from gtf_tune.pipelines.run import RunOutcome, RunRequest, digest
+from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.store import runs
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import StoredRun
@@ -28,7 +31,8 @@ class Interrupted(Exception):
 class RunSource:
     """Provide finished runs: reuse what is stored, execute and store the rest.
 
-    ``on_event`` gets a `RunFinished` for each run.
+    ``on_event`` gets a `RunFinished` for each run. ``nominal_run`` returns the nominal run on a sequence: where that
+    one has succeeded, executors check by it whether a failure is the configuration's or the machine's.
     """
 
     database: Database
@@ -36,6 +40,7 @@ class RunSource:
     limits: RunLimits
     stop: StopRequest
     on_event: Callback = ignore
+    nominal_run: Callable[[ImageSequence], RunRequest] | None = None
 
     def obtain(self, requests: Sequence[RunRequest]) -> list[FinishedRun]:
         """Return a finished run for every request, in the same order.
@@ -44,6 +49,8 @@ class RunSource:
         ------
         Interrupted
             Someone asked to stop; runs that finished are stored.
+        MachineError
+            This machine is at fault; what failed because of it is stored under a key that is never reused.
         """
         obtained = self._stored(requests)
         for run in obtained.values():
@@ -62,7 +69,19 @@ class RunSource:
             if stored is not None:
                 found[place] = stored
         poses = trajectories(self.database, list(dict.fromkeys(run.key for run in found.values())))
+        for run in found.values():
+            if run.key not in poses:
+                raise StorageError(f"run {run.key} has lost its trajectory; restore a backup")
         return {place: FinishedRun(requests[place], run, poses[run.key], reused=True) for place, run in found.items()}
+
+    def known_good(self, requests: Iterable[RunRequest]) -> dict[str, RunRequest]:
+        """Return the nominal run on each of the requests' sequences, by fingerprint, where it has succeeded."""
+        if self.nominal_run is None:
+            return {}
+        sequences = {request.sequence.fingerprint: request.sequence for request in requests}
+        nominal = {fingerprint: self.nominal_run(sequence) for fingerprint, sequence in sequences.items()}
+        known = runs.find(self.database, [request.key for request in nominal.values()])
+        return {fingerprint: request for fingerprint, request in nominal.items() if request.key in known}
 
     def _execute(self, missing: Mapping[int, RunRequest]) -> dict[int, FinishedRun]:
         if not missing:
@@ -84,7 +103,11 @@ class _Batch:
     def finish(self) -> dict[int, FinishedRun]:
         """Wait for all runs and return them as stored."""
         source = self.source
-        waiting = {place: source.executor.submit(request, source.limits) for place, request in self.requests.items()}
+        good = source.known_good(self.requests.values())
+        waiting = {
+            place: source.executor.submit(request, source.limits, good.get(request.sequence.fingerprint))
+            for place, request in self.requests.items()
+        }
         cancelled = False
         while waiting:
             if source.stop.level and not cancelled:
@@ -106,8 +129,11 @@ class _Batch:
             return
         if outcome.status != "ok" and self.source.stop.level:
             return  # whoever stops us, as batch systems and systemd do, may have ended the run too
-        outcome.raise_for_machine()
         request = self.requests[place]
+        if outcome.status != "ok" and outcome.cause == "machine":
+            with contextlib.suppress(StorageError):  # it may be the database's disk that is full
+                runs.save(self.source.database, request, outcome, _fault_key(request, outcome))
+        outcome.raise_for_machine()
         key = request.key if outcome.status == "ok" else failed_key(request, self.source.limits)
         stored = runs.save(self.source.database, request, outcome, key)
         run = FinishedRun(request, stored, self._trajectory(stored, outcome), reused=False)
@@ -124,6 +150,11 @@ class _Batch:
 def failed_key(request: RunRequest, limits: RunLimits) -> str:
     """Return the key under which a failed run is stored: a run with other limits deserves a try of its own."""
     return digest({"failed": request.key, "timeout_s": limits.timeout_s, "memory_bytes": limits.memory_bytes})
+
+
+def _fault_key(request: RunRequest, outcome: RunOutcome) -> str:
+    """Return the key under which a fault of a machine is stored, by which nobody looks for a run."""
+    return digest({"machine": request.key, "host": outcome.host, "started_at": outcome.started_at})
 
 
 def run_limits(limits: LimitsDefinition) -> RunLimits:

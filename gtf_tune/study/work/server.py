@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from gtf_tune.errors import DeletedError, GtfTuneError, MachineError, StorageError
+from gtf_tune.errors import DeletedError, GtfTuneError, MachineError, StorageError, UnreachableError
 from gtf_tune.execution import Executor
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
@@ -63,9 +63,9 @@ class _Refusal:
 class WorkerLoop:
     """Take up open studies, oldest first, and go on to the next one where no trial is free.
 
-    A study that cannot be worked on here (images missing or different, another version of the pipeline) is left to
-    other workers; ``announce`` gets the reason once, in the words of ``describe``, and the study is tried again a
-    minute later. ``callback_of`` returns what gets the events of a study that work begins on.
+    A study that cannot be worked on here (images missing or different, another version of the pipeline, rows that
+    someone deleted) is left to other workers; ``announce`` gets the reason once, in the words of ``describe``, and the
+    study is tried again a minute later. ``callback_of`` returns what gets the events of a study that work begins on.
     """
 
     database: Database
@@ -130,10 +130,12 @@ class WorkerLoop:
             self.announce(f"study '{record.name}' was deleted; its trial in work is dropped")
             self._opened.pop(record.id, None)
             return False
-        except (StorageError, MachineError):
+        except (MachineError, UnreachableError):
             raise
-        except GtfTuneError as error:
-            self._refuse(record, self.describe(error))
+        except Exception as error:  # whatever is wrong with one study, the others are served
+            studies.open_studies(self.database)  # raises where the database itself is at fault
+            reason = self.describe(error) if isinstance(error, GtfTuneError) else f"{type(error).__name__}: {error}"
+            self._refuse(record, reason)
             return False
 
     def _work(self, study: OpenStudy) -> bool:

@@ -77,7 +77,12 @@ class TrialRunner:
         trial, options = self._ask(lease)
         reference = read_reference(self.study, lease.number)
         source = RunSource(
-            self.study.database, self.executor, run_limits(self.study.definition.limits), stop, self.on_event
+            self.study.database,
+            self.executor,
+            run_limits(self.study.definition.limits),
+            stop,
+            self.on_event,
+            self.study.nominal_run,
         )
         study = with_noise(self.study, self.study.sequences, source)
         scored = self._score(trial, TrialScorer(study, source, options, lease.number, reference))
