@@ -23,6 +23,11 @@ _STUDY = {
     "stop": Entry(
         "Work", "Let every worker finish its runs in flight, keep them, and leave a study.", "study.state:stop"
     ),
+    "retry-failed": Entry(
+        "Work",
+        "Take back the verdicts of trials whose runs failed, so that these runs are tried again.",
+        "study.state:retry_failed",
+    ),
     "extend": Entry(
         "Manage",
         "Give a study more trials or wider ranges; what would make trials incomparable needs a new name.",

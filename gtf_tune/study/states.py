@@ -3,6 +3,7 @@
 from gtf_tune.errors import StorageError
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
+from gtf_tune.store.retry import reopen_failed
 from gtf_tune.store.studies import Study
 
 
@@ -29,6 +30,23 @@ def reopen_study(database: Database, name: str) -> Study:
     if study.state != "open":
         studies.set_state(database, study.id, "open")
     return studies.get(database, name)
+
+
+def retry_failed(database: Database, name: str) -> int:
+    """Open a study again for its trials whose runs failed, and return how many these are.
+
+    Raises
+    ------
+    StorageError
+        There is no such study, it is an unfinished copy, or no run of it failed.
+    """
+    study = studies.get(database, name)
+    studies.check_whole(study)
+    reopened = reopen_failed(database, study.id)
+    if not reopened:
+        raise StorageError(f"no trial of study '{name}' has a failed run, so there is nothing to retry")
+    studies.set_state(database, study.id, "open")
+    return reopened
 
 
 def _close(database: Database, name: str, state: studies.StudyState) -> None:

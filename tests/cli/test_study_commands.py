@@ -199,3 +199,30 @@ def test_folders_of_one_name_are_told_apart_by_those_above_them(cli: Cli, room: 
 
     stored = json.loads(cli("study", "show", "small", "--json").out)["definition"]["sequences"]
     assert [one["name"] for one in stored] == ["first-walk-images", "second-walk-images", "run-images", "room"]
+
+
+def test_a_study_of_which_no_run_worked_exits_with_1_and_its_runs_can_be_tried_again(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS, "--setting", "failure=error")
+    ran = cli("study", "run", "small", "-j", "1")
+    reopened = cli("study", "retry-failed", "small")
+    again = cli("study", "resume", "small", "-j", "1")
+
+    assert ran.code == again.code == 1
+    assert "every run of study 'small' failed; if this machine was at fault, correct it" in ran.err
+    assert (reopened.code, reopened.err.splitlines()[-1]) == (0, "Next: gtf-tune study run small")
+    assert "trials with failed runs will be tried again" in reopened.err
+    assert "0 of" in again.err
+    assert "0 reused" in again.err
+    assert cli("storage", "check").code == 0
+
+
+def test_there_is_nothing_to_retry_where_every_run_worked(cli: Cli, room: Path) -> None:
+    cli(*CREATE, *AXIS)
+    cli("study", "run", "small", "-j", "1")
+
+    refused = cli("study", "retry-failed", "small")
+
+    assert (refused.code, refused.err.splitlines()[-1]) == (
+        1,
+        "error: no trial of study 'small' has a failed run, so there is nothing to retry",
+    )

@@ -173,7 +173,18 @@ def _change_sampler(database: "Database", name: str, sampler: str | None) -> Non
 
 
 def _suggest_next(name: str, database: "Database") -> None:
-    from gtf_tune.store import studies
+    """Say what to do with a study that was worked on; exit with 1 where not a single run worked."""
+    from gtf_tune.store import runs, studies
 
-    warn_of_lost_frames(database, studies.get(database, name).id)
+    study_id = studies.get(database, name).id
+    cost = runs.totals(database, study_id)
+    nothing_worked = 0 < cost.failed == cost.made + cost.reused
+    if nothing_worked:
+        say(
+            f"every run of study '{name}' failed; if this machine was at fault, correct it, then run: gtf-tune study "
+            f"retry-failed {name}{storage_flag(database)}"
+        )
+    warn_of_lost_frames(database, study_id)
     suggest_outcome(database, name)
+    if nothing_worked:
+        raise typer.Exit(1)

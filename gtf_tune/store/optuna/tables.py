@@ -1,7 +1,7 @@
 """Optuna's storage on our database; Optuna is imported only when a function here is called."""
 
 import warnings
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from functools import cache, partial
 from typing import TYPE_CHECKING, TypeVar
@@ -123,3 +123,13 @@ def delete_optuna_study(database: Database, optuna_study_id: int) -> None:
     """Delete an Optuna study with its trials, if it is still there."""
     with suppress(KeyError):
         with_optuna(database, lambda: optuna_storage(database).delete_study(optuna_study_id))
+
+
+def fail_trials(database: Database, trial_ids: Sequence[int]) -> None:
+    """Turn Optuna's trials with these ids into failed ones, which Optuna itself does not do once they have ended."""
+    from optuna.storages._rdb.models import TrialModel
+    from optuna.trial import TrialState
+    from sqlalchemy import update
+
+    statement = update(TrialModel).where(TrialModel.trial_id.in_(trial_ids)).values(state=TrialState.FAIL)
+    write(database, lambda session: session.execute(statement.execution_options(synchronize_session=False)).close())
