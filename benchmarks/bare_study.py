@@ -23,9 +23,8 @@ from gtf_tune.pipelines.analytic import AnalyticPipeline, create, imaginary_sequ
 from gtf_tune.pipelines.run import RunKind
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource
 from gtf_tune.study.runs.sequence_runs import SequenceRuns
-from gtf_tune.study.scoring.coverage import CoverageFloor
 from gtf_tune.study.scoring.early_stopping import Decision, Sizing, sizing_of
-from gtf_tune.study.scoring.objective import SequenceScore, score_sequence
+from gtf_tune.study.scoring.objective import CoverageFloor, SequenceScore, score_sequence
 from gtf_tune.study.search.samplers import make_sampler
 from gtf_tune.study.search.space import SearchSpace, build_space
 from gtf_tune.trajectory import Trajectory

@@ -29,7 +29,7 @@ from benchmarks.scale_page import write_page
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.store import studies, trial_queue, trials
 from gtf_tune.store.database import Database, open_database
-from gtf_tune.store.workers import this_worker
+from gtf_tune.store.trial_queue import this_worker
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.open_study import open_study
 from gtf_tune.study.work.server import WorkerLoop, WorkerRules

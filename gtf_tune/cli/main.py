@@ -7,9 +7,8 @@ import typer
 
 from gtf_tune.cli.remedies import with_remedy
 from gtf_tune.cli.storage_access import close_storages
-from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, say, write_line
+from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, ready_streams, say, write_line
 from gtf_tune.cli.terminal.grouping import CommandGroup, Entry
-from gtf_tune.cli.terminal.streams import ready_streams
 from gtf_tune.errors import GtfTuneError
 
 _STUDY = {

@@ -7,8 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from gtf_tune.definition.model import StudyDefinition
-from gtf_tune.definition.space import RangeAxis, ValuesAxis
+from gtf_tune.definition.model import RangeAxis, StudyDefinition, ValuesAxis
 from gtf_tune.errors import did_you_mean
 
 Place = tuple[int | str, ...]

@@ -1,4 +1,4 @@
-"""The runs of one configuration, aligned to each other."""
+"""The trajectories of one configuration, as stored and aligned to each other."""
 
 import math
 from collections.abc import Sequence
@@ -8,9 +8,44 @@ import numpy as np
 
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.pipelines.run import RunKind
-from gtf_tune.report.configuration_runs import ConfigurationRuns
+from gtf_tune.report.study_data import StudyData
+from gtf_tune.store.database import Database
+from gtf_tune.study.runs.sequence_runs import stored_by_sequence
 from gtf_tune.trajectory import FloatArray, IntArray, Trajectory, associate_by_frame_id
 from gtf_tune.trajectory.alignment import AlignmentKind, umeyama
+
+
+@dataclass(frozen=True, eq=False)
+class ConfigurationRuns:
+    """Trajectories of one configuration on one sequence; those of failed runs are empty."""
+
+    title: str
+    clean: tuple[Trajectory, ...]
+    noisy: tuple[Trajectory, ...]
+    num_frames: int
+    alignment: AlignmentKind = "sim3"
+
+    @property
+    def reference(self) -> Trajectory | None:
+        """The first clean run that has poses, to which the others are aligned; None where there is none."""
+        return next((run for run in self.clean if len(run)), None)
+
+
+def read_configuration(database: Database, data: StudyData, title: str, number: int) -> dict[str, ConfigurationRuns]:
+    """Return the runs of one trial by sequence, under the given title; sequences without runs are absent.
+
+    Raises
+    ------
+    StorageError
+        A trajectory is not the one that was stored.
+    """
+    found = stored_by_sequence(database, [use for use in data.runs if use.number == number])
+    return {
+        name: ConfigurationRuns(title, runs.clean, runs.noisy, runs.num_frames, data.definition.gtf.alignment)
+        for name, runs in ((sequence.name, found.get(sequence.name)) for sequence in data.sequences)
+        if runs is not None
+    }
+
 
 PER_MILLE = 1000.0
 

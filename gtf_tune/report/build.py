@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gtf_tune.display import count
 from gtf_tune.errors import DefinitionError
-from gtf_tune.report.configuration_runs import ConfigurationRuns, read_configuration
+from gtf_tune.report.aligned_runs import ConfigurationRuns, read_configuration
 from gtf_tune.report.definition import PanelChoice, ReportDefinition
 from gtf_tune.report.html import PageHead, Section, render_page
 from gtf_tune.report.panels.base import ReportInput

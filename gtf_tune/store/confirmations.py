@@ -9,8 +9,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from gtf_tune.store.database import Database, models
-from gtf_tune.store.database.rows import columns_of
-from gtf_tune.store.database.session import read_rows, write
+from gtf_tune.store.database.session import columns_of, read_rows, write
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.store.database import Database, models
-from gtf_tune.store.database.clock import DatabaseClock
+from gtf_tune.store.database.columns import DatabaseClock
 from gtf_tune.store.database.session import read_rows, write
 from gtf_tune.store.optuna.retrying_storage import NUMBER_KEY
 from gtf_tune.store.studies import Study, locked

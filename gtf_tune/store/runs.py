@@ -11,8 +11,7 @@ from gtf_tune.pipelines.base import DiagnosticValue
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest, RunStatus
 from gtf_tune.store.database import Database, models
-from gtf_tune.store.database.rows import chunks, columns_of, table_of
-from gtf_tune.store.database.session import read, read_rows, write
+from gtf_tune.store.database.session import chunks, columns_of, read, read_rows, table_of, write
 
 
 @dataclass(frozen=True)

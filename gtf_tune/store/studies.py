@@ -12,8 +12,7 @@ from sqlalchemy.orm import Session
 from gtf_tune.definition import StudyDefinition, definition_from_dict
 from gtf_tune.errors import DefinitionError, DeletedError, StorageError, did_you_mean
 from gtf_tune.store.database import Database, models
-from gtf_tune.store.database.rows import columns_of
-from gtf_tune.store.database.session import read, read_rows, write
+from gtf_tune.store.database.session import columns_of, read, read_rows, write
 from gtf_tune.store.optuna.tables import delete_optuna_study
 
 StudyState = Literal["open", "paused", "stopped", "done", "copying"]

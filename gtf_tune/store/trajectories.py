@@ -7,8 +7,7 @@ from sqlalchemy import select
 
 from gtf_tune.errors import StorageError, TrajectoryError
 from gtf_tune.store.database import Database, models
-from gtf_tune.store.database.rows import chunks
-from gtf_tune.store.database.session import read_rows
+from gtf_tune.store.database.session import chunks, read_rows
 from gtf_tune.trajectory import Trajectory, from_bytes
 
 

@@ -1,12 +1,16 @@
 """Hand out the trials of a study's budget, each to one live worker at a time.
 
-A worker leases a trial and holds the token of that lease, which every later step compares: a worker that was cut off
-and came back cannot change a trial that another one has taken over.
+A worker is one process, and whether it is alive is known on its own machine. It leases a trial and holds the token of
+that lease, which every later step compares: a worker that was cut off and came back cannot change a trial that another
+one has taken over.
 """
 
+import os
+import socket
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal
 
 from sqlalchemy import ColumnElement, case, func, or_, select, update
@@ -14,9 +18,57 @@ from sqlalchemy.orm import Session, aliased
 
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.store.database import Database, models
-from gtf_tune.store.database.clock import DatabaseClock
+from gtf_tune.store.database.columns import DatabaseClock
 from gtf_tune.store.database.session import read, write
-from gtf_tune.store.workers import Worker, has_died
+
+_DEAD_STATES = frozenset("ZXx")
+_STATE_FIELD = 0
+_START_FIELD = 19
+
+
+@dataclass(frozen=True)
+class Worker:
+    """Identify one process.
+
+    ``machine`` names one boot of one machine and one process namespace, so that process numbers are only compared where
+    they mean the same. ``pid_started`` counts clock ticks since that boot, which no change of the clock moves.
+    """
+
+    name: str
+    host: str
+    machine: str
+    pid: int
+    pid_started: int
+
+
+def this_worker(name: str = "") -> Worker:
+    """Return the worker that this process is; the name defaults to ``HOST:PID``."""
+    host, pid = socket.gethostname(), os.getpid()
+    return Worker(name or f"{host}:{pid}", host, _machine(host), pid, _start_of(pid) or 0)
+
+
+def has_died(worker: Worker) -> bool:
+    """Tell whether a worker's process is known to be gone; false where this machine cannot know."""
+    if worker.machine != _machine(socket.gethostname()):
+        return False
+    return _start_of(worker.pid) != worker.pid_started
+
+
+def _machine(host: str) -> str:
+    boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    return f"{host} {boot} {os.readlink('/proc/self/ns/pid')}"
+
+
+def _start_of(pid: int) -> int | None:
+    """Return when a process started, or None where no such process lives."""
+    try:
+        status = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
+    except (FileNotFoundError, ProcessLookupError):
+        return None
+    # proc(5): the name in brackets may itself hold brackets and spaces, so the fields count from the last bracket.
+    fields = status.rpartition(")")[2].split()
+    return None if fields[_STATE_FIELD] in _DEAD_STATES else int(fields[_START_FIELD])
+
 
 TrialState = Literal["claimed", "complete", "pruned", "failed"]
 

@@ -9,8 +9,7 @@ from sqlalchemy import Executable, Select, String, Text, case, cast, column, fun
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.store.database import Database, models
-from gtf_tune.store.database.rows import chunks, columns_of
-from gtf_tune.store.database.session import read_rows
+from gtf_tune.store.database.session import chunks, columns_of, read_rows
 from gtf_tune.store.trial_queue import TrialState
 
 _OPTUNA_TRIALS = table("trials", column("trial_id"), column("state"))

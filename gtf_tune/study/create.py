@@ -21,7 +21,7 @@ from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
 from gtf_tune.store.optuna.trials import study_id_of
 from gtf_tune.store.studies import NewStudy, Study
 from gtf_tune.study.open_study import make_pipeline, runnable
-from gtf_tune.study.scoring.rules import RESOLVED_KEY, SCORING_VERSION
+from gtf_tune.study.scoring.objective import RESOLVED_KEY, SCORING_VERSION
 from gtf_tune.study.search.samplers import check_search
 from gtf_tune.study.search.space import build_space, space_faults
 from gtf_tune.study.sequences import load_defined_sequence, sequence_row

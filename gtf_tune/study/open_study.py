@@ -18,7 +18,7 @@ from gtf_tune.store.enqueued import numbers_of
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource
-from gtf_tune.study.scoring.rules import check_rules
+from gtf_tune.study.scoring.objective import check_rules
 from gtf_tune.study.search.samplers import make_pruner
 from gtf_tune.study.search.space import SearchSpace, build_space
 from gtf_tune.study.sequences import load_stored_sequence

@@ -204,8 +204,7 @@ def stored(database: Database) -> set[str]:
     from sqlalchemy import select
 
     from gtf_tune.store.database import models
-    from gtf_tune.store.database.rows import columns_of
-    from gtf_tune.store.database.session import read_rows
+    from gtf_tune.store.database.session import columns_of, read_rows
 
     found = [runs.StoredRun(*row) for row in read_rows(database, select(*columns_of(models.Run, runs.StoredRun)))]
     return {counted.identity(run.seed, run.noise_seed, run.options) for run in found}

@@ -9,7 +9,7 @@ from sqlalchemy import text
 
 from gtf_tune.errors import GtfTuneError, StorageError
 from gtf_tune.execution import FreshStages, InlineExecutor, LocalExecutor, StageCache
-from gtf_tune.report.dashboard.place import turn_to_write
+from gtf_tune.report.dashboard.writer import turn_to_write
 from gtf_tune.store.database import create_database, open_database
 from gtf_tune.store.maintenance.copy import copy_study
 from gtf_tune.study.create import checked_definition, create_study

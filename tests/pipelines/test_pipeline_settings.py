@@ -7,7 +7,7 @@ import pytest
 
 from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import create_pipeline
-from gtf_tune.pipelines.settings import Setting, read_settings
+from gtf_tune.pipelines.options import Setting, read_settings
 
 KNOWN = {"pairing": Setting("exhaustive", ("exhaustive", "sequential")), "rate": Setting("1")}
 

@@ -31,8 +31,7 @@ from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import NewStudy, Study, StudySequence
-from gtf_tune.store.trial_queue import TrialLease, TrialResult
-from gtf_tune.store.workers import this_worker
+from gtf_tune.store.trial_queue import TrialLease, TrialResult, this_worker
 from gtf_tune.study.outcome.verdict import ADOPT
 from gtf_tune.trajectory import Trajectory
 from gtf_tune.trajectory.alignment import MIN_MATCHED

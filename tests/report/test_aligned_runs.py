@@ -5,8 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from gtf_tune.metrics import ate
-from gtf_tune.report.aligned_runs import align_runs, in_one_frame
-from gtf_tune.report.configuration_runs import ConfigurationRuns
+from gtf_tune.report.aligned_runs import ConfigurationRuns, align_runs, in_one_frame
 from gtf_tune.report.panels.frames import frame_spread
 from gtf_tune.trajectory import Trajectory
 

@@ -10,9 +10,9 @@ import pytest
 from gtf_tune.errors import DefinitionError
 from gtf_tune.report.dashboard import server as server_module
 from gtf_tune.report.dashboard import upkeep
-from gtf_tune.report.dashboard.place import artifact_folder
 from gtf_tune.report.dashboard.server import DashboardServer, serve_dashboard
 from gtf_tune.report.dashboard.sync import DashboardSync
+from gtf_tune.report.dashboard.writer import artifact_folder
 from gtf_tune.store.database import Database
 
 

@@ -13,8 +13,8 @@ import pytest
 from sqlalchemy.exc import OperationalError
 
 from gtf_tune.report.dashboard import attachments, notes
-from gtf_tune.report.dashboard.place import artifact_folder, turn_to_write
 from gtf_tune.report.dashboard.sync import DashboardSync
+from gtf_tune.report.dashboard.writer import artifact_folder, turn_to_write
 from gtf_tune.report.study_data import read_search, read_trials
 from gtf_tune.store import trials
 from gtf_tune.store.database import Database, connect

@@ -1,11 +1,11 @@
 import json
 from dataclasses import replace
 
-from gtf_tune.report.details import nominal_floor, sequence_detail
 from gtf_tune.report.panels.failures import run_failures, trial_faults
 from gtf_tune.report.panels.reproducibility import provenance
+from gtf_tune.report.points import nominal_floor, sequence_detail
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.study.scoring.coverage import CoverageFloor
+from gtf_tune.study.scoring.objective import CoverageFloor
 
 
 def test_failed_runs_are_grouped_by_their_reason(data: StudyData) -> None:

@@ -5,9 +5,8 @@ import plotly.graph_objects as go
 import pytest
 
 from gtf_tune.display import sequence_unit
-from gtf_tune.report.details import sequence_detail
 from gtf_tune.report.drawing import theme
-from gtf_tune.report.drawing.hover import shortened, trial_text
+from gtf_tune.report.drawing.axes import shortened, trial_text
 from gtf_tune.report.option_axis import searched_axes
 from gtf_tune.report.panels.matrices import matrix_figure
 from gtf_tune.report.panels.options import option_curve, option_figure, recommended_star
@@ -18,7 +17,7 @@ from gtf_tune.report.panels.search import (
     optuna_copy,
     parallel_figure,
 )
-from gtf_tune.report.points import TrialPoint, study_points
+from gtf_tune.report.points import TrialPoint, sequence_detail, study_points
 from gtf_tune.report.study_data import StudyData, read_study
 from gtf_tune.store.database import Database
 

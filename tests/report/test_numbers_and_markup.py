@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gtf_tune import display
-from gtf_tune.report.dashboard import markdown
+from gtf_tune.report.dashboard import notes as markdown
 from gtf_tune.report.drawing import markup
 
 

@@ -13,8 +13,8 @@ import optuna_dashboard
 import pytest
 from sqlalchemy import update
 
-from gtf_tune.report.dashboard.place import artifact_folder
 from gtf_tune.report.dashboard.sync import DashboardSync
+from gtf_tune.report.dashboard.writer import artifact_folder
 from gtf_tune.report.panels.options import recommended_star
 from gtf_tune.report.study_data import read_search
 from gtf_tune.store import confirmations, studies, trials

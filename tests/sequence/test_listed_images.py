@@ -7,7 +7,7 @@ import pytest
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence import load_sequence
-from gtf_tune.sequence.layouts.listed import find_listed
+from gtf_tune.sequence.layouts.tables import find_listed
 from tests.sequence import miniatures
 
 SOURCE = Path("list.txt")

@@ -12,8 +12,7 @@ from gtf_tune.store.maintenance.check import check
 from gtf_tune.store.optuna.tables import delete_optuna_study, optuna_storage
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import Study
-from gtf_tune.store.trial_queue import TrialResult
-from gtf_tune.store.workers import this_worker
+from gtf_tune.store.trial_queue import TrialResult, this_worker
 
 
 @pytest.fixture

@@ -18,8 +18,7 @@ from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trajectories import trajectories
-from gtf_tune.store.trial_queue import TrialResult
-from gtf_tune.store.workers import this_worker
+from gtf_tune.store.trial_queue import TrialResult, this_worker
 
 MakeStorage = Callable[[str, bool], str]
 TO_POSTGRESQL, TO_SQLITE = ("sqlite", "postgresql"), ("postgresql", "sqlite")

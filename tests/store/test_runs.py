@@ -15,7 +15,7 @@ from gtf_tune.store.database.columns import Json, Words
 from gtf_tune.store.runs import RunTotals, TrialRun
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trajectories import digest_of, trajectories
-from gtf_tune.store.workers import this_worker
+from gtf_tune.store.trial_queue import this_worker
 from gtf_tune.trajectory import Trajectory, to_bytes
 
 MakeRequest = Callable[..., RunRequest]

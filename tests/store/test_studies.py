@@ -12,8 +12,7 @@ from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import StoredRun, TrialRun
 from gtf_tune.store.studies import NewStudy, Study
-from gtf_tune.store.trial_queue import TrialResult
-from gtf_tune.store.workers import this_worker
+from gtf_tune.store.trial_queue import TrialResult, this_worker
 
 MakeStudy = Callable[..., Study]
 

@@ -8,8 +8,7 @@ from sqlalchemy import text
 from gtf_tune.store import trial_queue, trials
 from gtf_tune.store.database import Database, open_database
 from gtf_tune.store.studies import Study
-from gtf_tune.store.trial_queue import TrialLease, TrialResult
-from gtf_tune.store.workers import Worker, this_worker
+from gtf_tune.store.trial_queue import TrialLease, TrialResult, Worker, this_worker
 
 ELSEWHERE = Worker("there:1", "there", "another machine", 1, 1)
 COMPLETE = TrialResult("complete", value=0.25, feasible=True, gtf_ate=0.25)

@@ -4,7 +4,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from gtf_tune.store.workers import has_died, this_worker
+from gtf_tune.store.trial_queue import has_died, this_worker
 
 
 def test_this_process_lives() -> None:

@@ -5,8 +5,7 @@ import pytest
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.study.runs.sequence_runs import SequenceRuns
-from gtf_tune.study.scoring.coverage import CoverageFloor, coverage_floor, least_floor
-from gtf_tune.study.scoring.objective import score_sequence, score_trial
+from gtf_tune.study.scoring.objective import CoverageFloor, coverage_floor, least_floor, score_sequence, score_trial
 from gtf_tune.trajectory import Trajectory
 
 FRAMES = 50

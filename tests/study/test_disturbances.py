@@ -20,7 +20,7 @@ from gtf_tune.store.maintenance.copy import copy_study
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna import trials as optuna_trials
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.store.workers import this_worker
+from gtf_tune.store.trial_queue import this_worker
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.edit import Extension, extend_study
 from gtf_tune.study.events import Event, RunFinished

@@ -11,7 +11,7 @@ from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.session import write
 from gtf_tune.study.open_study import open_study
-from gtf_tune.study.scoring import rules
+from gtf_tune.study.scoring import objective
 from gtf_tune.study.scoring.rescore import rescore
 from gtf_tune.study.work.server import WorkerLoop, WorkerRules
 from tests.study.conftest import Runner, definition_of
@@ -25,13 +25,13 @@ REASON = (
 def later(room: Path, run_study: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
     """Run a study, and let this be a version with other rules."""
     run_study(definition_of(room, search={"trials": 2}))
-    monkeypatch.setattr(rules, "SCORING_VERSION", 2)
+    monkeypatch.setattr(objective, "SCORING_VERSION", 2)
 
 
 def test_the_version_of_the_rules_is_stored(room: Path, database: Database, run_study: Runner) -> None:
     run_study(definition_of(room, search={"trials": 1}))
 
-    assert studies.get(database, "small").resolved["scoring_version"] == rules.SCORING_VERSION
+    assert studies.get(database, "small").resolved["scoring_version"] == objective.SCORING_VERSION
 
 
 @pytest.mark.usefixtures("later")

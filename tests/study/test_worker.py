@@ -13,7 +13,7 @@ from gtf_tune.store.database import Database, create_database
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna import trials as optuna_trials
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.store.workers import this_worker
+from gtf_tune.store.trial_queue import this_worker
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.events import Event, TrialStarted
 from gtf_tune.study.open_study import open_study

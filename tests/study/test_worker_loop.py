@@ -10,7 +10,7 @@ from gtf_tune.errors import StorageError
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.store import studies, trial_queue, trials
 from gtf_tune.store.database import Database
-from gtf_tune.store.workers import this_worker
+from gtf_tune.store.trial_queue import this_worker
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.events import Event, RunFinished
 from gtf_tune.study.open_study import SequencePlaces, open_study

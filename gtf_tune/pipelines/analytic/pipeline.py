@@ -20,9 +20,8 @@ from scipy.spatial.transform import Rotation
 from gtf_tune.errors import DefinitionError, RunError
 from gtf_tune.pipelines.analytic.failures import FAILURES
 from gtf_tune.pipelines.base import PipelineJob, PipelineOutput
-from gtf_tune.pipelines.options import OptionSpec, OptionTable, OptionValue
+from gtf_tune.pipelines.options import OptionSpec, OptionTable, OptionValue, Setting, read_settings
 from gtf_tune.pipelines.run import digest
-from gtf_tune.pipelines.settings import Setting, read_settings
 from gtf_tune.sequence import Frame
 from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.sequence.image_noise import GreyImage

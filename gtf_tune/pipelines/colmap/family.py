@@ -17,8 +17,7 @@ from gtf_tune.pipelines.base import DiagnosticValue, PipelineJob, PipelineOutput
 from gtf_tune.pipelines.colmap.options import OptionRoot, OptionTree, read_tree
 from gtf_tune.pipelines.colmap.stages import PAIRINGS, StagedRun, shared_roots, stage_errors
 from gtf_tune.pipelines.file_digest import file_digest
-from gtf_tune.pipelines.options import OptionTable, OptionValue
-from gtf_tune.pipelines.settings import Setting, read_settings
+from gtf_tune.pipelines.options import OptionTable, OptionValue, Setting, read_settings
 from gtf_tune.sequence import ImageSource, Sequence
 from gtf_tune.trajectory import Trajectory
 

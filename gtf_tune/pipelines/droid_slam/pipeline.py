@@ -19,9 +19,8 @@ from gtf_tune.pipelines.command.output import read_output
 from gtf_tune.pipelines.command.process import ProgramExit, check_exit, run_program
 from gtf_tune.pipelines.droid_slam.options import OPTIONS
 from gtf_tune.pipelines.file_digest import file_digest
-from gtf_tune.pipelines.options import OptionTable
+from gtf_tune.pipelines.options import OptionTable, Setting, read_settings
 from gtf_tune.pipelines.run import digest
-from gtf_tune.pipelines.settings import Setting, read_settings
 
 SETTINGS: Mapping[str, Setting] = {"checkout": Setting(""), "python": Setting(""), "weights": Setting("")}
 """``checkout`` is DROID-SLAM's folder; ``python`` what it is installed in (by default ``.venv/bin/python`` there),

@@ -1,6 +1,7 @@
-"""Write the notes of studies and trials that optuna-dashboard shows."""
+"""Notes of studies and trials that optuna-dashboard shows, in Markdown whose layout no text of a user can change."""
 
 import math
+from collections.abc import Iterable, Sequence
 
 from gtf_tune.definition import RangeAxis
 from gtf_tune.display import (
@@ -13,7 +14,6 @@ from gtf_tune.display import (
     significant,
     value_text,
 )
-from gtf_tune.report.dashboard.markdown import inline_code, plain, table
 from gtf_tune.report.panels.failures import run_failures
 from gtf_tune.report.panels.verdict import verdict_sentences
 from gtf_tune.report.points import PointSet, TrialPoint, study_points
@@ -21,6 +21,33 @@ from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.verdict import verdict_facts
 from gtf_tune.study.outcome.improvement import Improvement
 from gtf_tune.study.scoring.objective import penalty
+
+_WIDE_SPACE = "\u2003"
+
+
+def inline_code(words: object) -> str:
+    """Return a text as code within a line."""
+    line = " ".join(str(words).split()).replace("`", "'").replace("|", "\\|")
+    return f"`{line}`" if line else ""
+
+
+def plain(words: object) -> str:
+    """Return a text on one line without any meaning to Markdown."""
+    line = " ".join(str(words).split())
+    return "".join(f"\\{sign}" if sign in "\\`*_{}[]<>#|!" else sign for sign in line)
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of cells that are Markdown already; columns whose name starts with '>' are aligned right."""
+    rules = ["---:" if name.startswith(">") else ":---" for name in columns]
+    head = [name.removeprefix(">") for name in columns]
+    return "\n".join([_row(head), f"| {' | '.join(rules)} |", *(_row(cells) for cells in rows)])
+
+
+def _row(cells: Sequence[str]) -> str:
+    # optuna-dashboard puts no space between the columns of a table.
+    return "| " + " | ".join(f"{cell}{_WIDE_SPACE}" for cell in cells) + " |"
+
 
 KEPT_BELOW = "*gtf-tune keeps everything above this line up to date; what you write below it is kept.*"
 

@@ -11,8 +11,8 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 import optuna_dashboard
 
 from gtf_tune.errors import DefinitionError
-from gtf_tune.report.dashboard.place import artifact_folder, artifact_store
 from gtf_tune.report.dashboard.upkeep import Upkeep
+from gtf_tune.report.dashboard.writer import artifact_folder, artifact_store
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import optuna_storage

@@ -11,11 +11,10 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from gtf_tune.display import definition_unit
 from gtf_tune.pipelines.run import digest
-from gtf_tune.report.configuration_runs import read_configuration
+from gtf_tune.report.aligned_runs import read_configuration
 from gtf_tune.report.dashboard import attachments, notes
 from gtf_tune.report.dashboard.attachments import Attachment
-from gtf_tune.report.dashboard.place import artifact_folder, artifact_store, turn_to_write
-from gtf_tune.report.dashboard.writer import DashboardWriter
+from gtf_tune.report.dashboard.writer import DashboardWriter, artifact_folder, artifact_store, turn_to_write
 from gtf_tune.report.study_data import StudyData, read_search, read_trials, runs_made
 from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database

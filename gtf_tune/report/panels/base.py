@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from gtf_tune.report.configuration_runs import ConfigurationRuns
+from gtf_tune.report.aligned_runs import ConfigurationRuns
 from gtf_tune.report.drawing.markup import Html
 from gtf_tune.report.study_data import StudyData
 

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 
 import plotly.graph_objects as go
 
-from gtf_tune.report.details import nominal_floor
 from gtf_tune.report.drawing import markup, theme
-from gtf_tune.report.drawing.hover import trial_text
+from gtf_tune.report.drawing.axes import trial_text
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
-from gtf_tune.report.points import PointSet, study_points
+from gtf_tune.report.points import PointSet, nominal_floor, study_points
 from gtf_tune.report.study_data import StudyData
 
 

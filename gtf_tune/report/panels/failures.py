@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 
 from gtf_tune.display import count
-from gtf_tune.report.details import sequence_detail
 from gtf_tune.report.drawing import markup
 from gtf_tune.report.drawing.markup import Html
 from gtf_tune.report.panels.base import Block, Panel, ReportInput
-from gtf_tune.report.points import state_of
+from gtf_tune.report.points import sequence_detail, state_of
 from gtf_tune.report.study_data import StudyData, runs_made
 
 _NO_REASON = "no reason was stored"

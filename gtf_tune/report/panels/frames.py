@@ -9,8 +9,7 @@ import plotly.graph_objects as go
 
 from gtf_tune.display import count, significant
 from gtf_tune.gtf.random_effects import far_above_median
-from gtf_tune.report.aligned_runs import PER_MILLE, extent, frame_distances
-from gtf_tune.report.configuration_runs import ConfigurationRuns
+from gtf_tune.report.aligned_runs import PER_MILLE, ConfigurationRuns, extent, frame_distances
 from gtf_tune.report.drawing import markup, theme
 from gtf_tune.report.drawing.markup import Html
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput

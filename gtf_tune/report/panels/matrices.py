@@ -7,10 +7,10 @@ import numpy as np
 import plotly.graph_objects as go
 
 from gtf_tune.display import ScoreUnit, interval, sequence_unit, significant
-from gtf_tune.report.details import SequenceDetail, sequence_detail
 from gtf_tune.report.drawing import markup, theme
-from gtf_tune.report.drawing.hover import shortened
+from gtf_tune.report.drawing.axes import shortened
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
+from gtf_tune.report.points import SequenceDetail, sequence_detail
 from gtf_tune.report.verdict import compared_trials
 
 _ROW_PX = 34

@@ -9,8 +9,13 @@ import plotly.graph_objects as go
 
 from gtf_tune.display import significant, value_text
 from gtf_tune.report.drawing import markup, theme
-from gtf_tune.report.drawing.axes import option_axis_layout, rim_axis_layout, score_axis_layout, truth_axis_layout
-from gtf_tune.report.drawing.hover import trial_text
+from gtf_tune.report.drawing.axes import (
+    option_axis_layout,
+    rim_axis_layout,
+    score_axis_layout,
+    trial_text,
+    truth_axis_layout,
+)
 from gtf_tune.report.option_axis import OptionAxis, searched_axes
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
 from gtf_tune.report.points import PointSet, TrialPoint, point_sets

@@ -7,7 +7,7 @@ import plotly.graph_objects as go
 
 from gtf_tune.display import duration
 from gtf_tune.report.drawing import markup, theme
-from gtf_tune.report.drawing.hover import shortened
+from gtf_tune.report.drawing.axes import shortened
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
 from gtf_tune.report.study_data import runs_made
 from gtf_tune.store.runs import TrialRun

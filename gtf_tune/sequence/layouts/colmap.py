@@ -13,7 +13,7 @@ from gtf_tune.sequence.layouts.base import Intrinsics, Layout, Notes, Reading, R
 from gtf_tune.sequence.layouts.colmap_cameras import ModelCameras
 from gtf_tune.sequence.layouts.folder import counted_frames
 from gtf_tune.sequence.layouts.ground_truth import check_near
-from gtf_tune.sequence.layouts.listed import find_listed
+from gtf_tune.sequence.layouts.tables import find_listed
 from gtf_tune.trajectory import Trajectory, read_trajectory
 from gtf_tune.trajectory.colmap import read_camera_ids
 

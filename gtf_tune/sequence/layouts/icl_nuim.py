@@ -11,8 +11,7 @@ from gtf_tune.sequence.camera import pinhole_from_opencv
 from gtf_tune.sequence.layouts.base import Layout, Reading, Recording, check_unique, naming, one_camera
 from gtf_tune.sequence.layouts.folder import list_images
 from gtf_tune.sequence.layouts.ground_truth import Notes, poses_by_timestamp
-from gtf_tune.sequence.layouts.listed import find_listed
-from gtf_tune.sequence.layouts.tables import read_rows, shortened
+from gtf_tune.sequence.layouts.tables import find_listed, read_rows, shortened
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 

@@ -13,8 +13,8 @@ from gtf_tune.sequence.layouts.base import Intrinsics, Layout, Reading, Recordin
 from gtf_tune.sequence.layouts.fields import Field, read_json
 from gtf_tune.sequence.layouts.folder import counted_frames
 from gtf_tune.sequence.layouts.ground_truth import poses_from_matrices
-from gtf_tune.sequence.layouts.listed import find_listed, with_suffix
 from gtf_tune.sequence.layouts.nerf_lens import CAMERA_KEYS, lens_camera
+from gtf_tune.sequence.layouts.tables import find_listed, with_suffix
 
 _NAMES = ("transforms.json", "transforms_train.json")
 

@@ -17,8 +17,7 @@ from gtf_tune.sequence.layouts.base import (
     one_camera,
 )
 from gtf_tune.sequence.layouts.ground_truth import poses_by_timestamp
-from gtf_tune.sequence.layouts.listed import find_listed
-from gtf_tune.sequence.layouts.tables import read_numbers, read_rows, shortened, to_numbers
+from gtf_tune.sequence.layouts.tables import find_listed, read_numbers, read_rows, shortened, to_numbers
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 

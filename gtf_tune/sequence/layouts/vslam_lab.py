@@ -21,8 +21,7 @@ from gtf_tune.sequence.layouts.base import (
 )
 from gtf_tune.sequence.layouts.fields import Field, read_yaml
 from gtf_tune.sequence.layouts.ground_truth import poses_by_timestamp
-from gtf_tune.sequence.layouts.listed import find_listed
-from gtf_tune.sequence.layouts.tables import read_text, to_nanoseconds, to_numbers
+from gtf_tune.sequence.layouts.tables import find_listed, read_text, to_nanoseconds, to_numbers
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 

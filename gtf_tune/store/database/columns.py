@@ -1,10 +1,13 @@
-"""Define column types that hold the same on SQLite and on PostgreSQL."""
+"""Column types and the clock, the same on SQLite and on PostgreSQL."""
 
 import json
 import math
 from typing import Any
 
 from sqlalchemy import Dialect, Double, String, Text
+from sqlalchemy.ext.compiler import compiles
+from sqlalchemy.sql.compiler import SQLCompiler
+from sqlalchemy.sql.functions import FunctionElement
 from sqlalchemy.types import TypeDecorator
 
 from gtf_tune.errors import StorageError
@@ -69,3 +72,20 @@ class Seed(TypeDecorator[int]):
     def process_result_value(self, value: str | None, dialect: Dialect) -> int | None:
         """Read the number."""
         return None if value is None else int(value)
+
+
+class DatabaseClock(FunctionElement[float]):
+    """Stand for the database's time in an SQL expression, in seconds since 1970 UTC."""
+
+    type = Double()
+    inherit_cache = True
+
+
+@compiles(DatabaseClock, "sqlite")
+def _on_sqlite(element: DatabaseClock, compiler: SQLCompiler, **options: Any) -> str:
+    return "((julianday('now') - 2440587.5) * 86400.0)"
+
+
+@compiles(DatabaseClock, "postgresql")
+def _on_postgresql(element: DatabaseClock, compiler: SQLCompiler, **options: Any) -> str:
+    return "CAST(EXTRACT(EPOCH FROM clock_timestamp()) AS DOUBLE PRECISION)"

@@ -1,11 +1,12 @@
-"""Do a unit of work in one transaction: the only place that opens sessions and commits."""
+"""Units of work in one transaction: the only place that opens sessions and commits; and the rows that they return."""
 
 import random
 import time
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import fields
+from typing import Any, TypeVar, cast
 
-from sqlalchemy import Engine, Executable
+from sqlalchemy import Engine, Executable, Table
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
@@ -70,3 +71,26 @@ def _attempt(engine: Engine, work: Callable[[Session], Result]) -> Result:
         result = work(session)
         session.commit()
         return result
+
+
+Value = TypeVar("Value")
+Item = TypeVar("Item")
+
+_CHUNK = 500
+
+
+def columns_of(model: type, value_type: type) -> list[Any]:
+    """Return the columns of a table that fill a value, in the order of its fields."""
+    return [getattr(model, one.name) for one in fields(value_type)]
+
+
+def table_of(model: type) -> Table:
+    """Return the table of a model, for rows that need no bookkeeping as objects."""
+    return cast("Table", model.__table__)  # type: ignore[attr-defined]
+
+
+def chunks(items: Iterable[Item], size: int = _CHUNK) -> Iterator[list[Item]]:
+    """Yield the items in lists short enough for the parameters of one statement."""
+    todo = list(items)
+    for start in range(0, len(todo), size):
+        yield todo[start : start + size]

@@ -8,9 +8,8 @@ from sqlalchemy import Select, func, select, text
 from gtf_tune.errors import StorageError
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database, models
-from gtf_tune.store.database.rows import chunks
 from gtf_tune.store.database.schema import current_revision
-from gtf_tune.store.database.session import read_rows
+from gtf_tune.store.database.session import chunks, read_rows
 from gtf_tune.store.maintenance.check_contents import check_tables, unreadable
 from gtf_tune.store.optuna.tables import optuna_storage, study_ids, trials_by_id
 from gtf_tune.store.trajectories import trajectories

@@ -10,8 +10,7 @@ from sqlalchemy.orm import Session
 from gtf_tune.errors import StorageError
 from gtf_tune.store import confirmations, studies
 from gtf_tune.store.database import Database, models
-from gtf_tune.store.database.rows import chunks
-from gtf_tune.store.database.session import read, read_rows, write
+from gtf_tune.store.database.session import chunks, read, read_rows, write
 from gtf_tune.store.database.urls import place_of
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna.copy import copy_optuna_study, create_optuna_study, optuna_digest

@@ -34,7 +34,7 @@ from gtf_tune.study.outcome.verdict import (
     SequenceFacts,
     Verdict,
 )
-from gtf_tune.study.scoring.coverage import LEAST_COMMON, CoverageFloor, below, coverage_floor
+from gtf_tune.study.scoring.objective import LEAST_COMMON, CoverageFloor, below, coverage_floor
 
 SIGNIFICANCE = 0.05
 

@@ -1,18 +1,74 @@
-"""Turn the runs of a trial into its value: the GTF score, with coverage as a constraint.
+"""The value of a trial from its runs: the GTF score, with coverage as a constraint.
 
-Nothing here knows whether ground truth exists.
+A run must register nearly as many frames as under nominal. Nothing here knows whether ground truth exists.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from gtf_tune.definition import GtfDefinition
+from gtf_tune.errors import DefinitionError
 from gtf_tune.gtf import GtfScore, GtfSettings, gtf_score
+from gtf_tune.store.studies import Study
 from gtf_tune.study.runs.sequence_runs import SequenceRuns
-from gtf_tune.study.scoring.coverage import LEAST_COMMON, CoverageFloor, below
+from gtf_tune.trajectory.alignment import MIN_MATCHED
+
+LEAST_COMMON = 0.5
+"""Part of the frames of the shorter of two runs that both must have registered."""
+
+LOST_BELOW = 0.5
+"""Share of the median coverage below which a nominal run has lost the sequence and sets no example."""
+
+_MOST_DIGITS = 6
+
+
+@dataclass(frozen=True)
+class CoverageFloor:
+    """Hold the least coverage, a fraction of the frames, that clean and noisy runs must reach."""
+
+    clean: float
+    noisy: float
+
+    def at_least(self, other: "CoverageFloor") -> "CoverageFloor":
+        """Return the higher of two floors, of each kind."""
+        return CoverageFloor(max(self.clean, other.clean), max(self.noisy, other.noisy))
+
+
+def least_floor(num_frames: int) -> CoverageFloor:
+    """Return the floor of the nominal setting itself: the frames that an alignment needs."""
+    return CoverageFloor(MIN_MATCHED / num_frames, MIN_MATCHED / num_frames)
+
+
+def coverage_floor(clean: Sequence[float], noisy: Sequence[float], share: float) -> CoverageFloor:
+    """Return the floor that the coverages of nominal's runs set: ``share`` of the least of each kind.
+
+    Clean runs go by clean ones and noisy runs by noisy ones, so that nominal itself reaches the floor. Runs that failed
+    or lost more than half of what others register set no example: one bad run must not open the door to settings that
+    drop frames. Where no run of a kind worked, the other kind counts.
+    """
+    by_kind = [_dependable(one) for one in (clean, noisy)]
+    known = [one for one in by_kind if one is not None]
+    if not known:
+        return CoverageFloor(0.0, 0.0)
+    return CoverageFloor(*(share * (min(known) if one is None else one) for one in by_kind))
+
+
+def below(share: float, wanted: float) -> tuple[str, str]:
+    """Return a share of frames and the larger one that was wanted in per cent, with the digits that tell them apart."""
+    both = [(f"{share:.{digits}%}", f"{wanted:.{digits}%}") for digits in range(_MOST_DIGITS + 1)]
+    return next((one for one in both if one[0] != one[1]), both[-1])
+
+
+def _dependable(coverages: Sequence[float]) -> float | None:
+    """Return the least coverage of runs that did not lose the sequence; None where none worked."""
+    worked = [one for one in coverages if one > 0]
+    if not worked:
+        return None
+    return min(one for one in worked if one >= LOST_BELOW * float(np.median(worked)))
+
 
 _UNBOUNDED_PENALTY = 1e6
 _JUST_VIOLATED = 1e-9
@@ -179,3 +235,26 @@ def _combine(by_sequence: Mapping[str, SequenceScore], nominal: Mapping[str, flo
     tiny = np.finfo(np.float64).tiny  # errors of exactly 0, as pipelines that do not react to noise have
     ratios = [max(values[name], tiny) / max(reference[name], tiny) for name in values]
     return float(np.exp(np.mean([math.log(ratio) for ratio in ratios])))
+
+
+SCORING_VERSION = 1
+"""Version of the rules that turn runs into scores; to be raised whenever the same runs may score differently."""
+
+RESOLVED_KEY = "scoring_version"
+
+
+def check_rules(study: Study) -> None:
+    """Raise `DefinitionError` unless the study is scored by the rules of this version.
+
+    Raises
+    ------
+    DefinitionError
+        The study began with other rules.
+    """
+    began_with = study.resolved.get(RESOLVED_KEY, 1)
+    if began_with != SCORING_VERSION:
+        made_by = study.resolved["versions"].get("gtf_tune", "another version")
+        raise DefinitionError(
+            f"study '{study.name}' is scored by rules of version {began_with}, which gtf-tune {made_by} has, but this "
+            f"one scores by version {SCORING_VERSION}; work on it with that gtf-tune, or create a new study"
+        )

@@ -17,9 +17,16 @@ from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import stored_definition
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.runs.sequence_runs import SequenceRuns, stored_by_sequence
-from gtf_tune.study.scoring.coverage import CoverageFloor, coverage_floor, least_floor
-from gtf_tune.study.scoring.objective import SequenceScore, TrialScore, score_sequence, score_trial
-from gtf_tune.study.scoring.rules import check_rules
+from gtf_tune.study.scoring.objective import (
+    CoverageFloor,
+    SequenceScore,
+    TrialScore,
+    check_rules,
+    coverage_floor,
+    least_floor,
+    score_sequence,
+    score_trial,
+)
 
 RESCORABLE = ("aggregate", "metric", "alignment", "normalise", "rpe_delta", "rpe_delta_unit", "rpe_pairs")
 

@@ -14,9 +14,15 @@ from gtf_tune.study.open_study import OpenStudy
 from gtf_tune.study.runs.plan import run_order
 from gtf_tune.study.runs.run_source import RunSource
 from gtf_tune.study.runs.sequence_runs import FinishedRun, SequenceRuns, finished_by_sequence
-from gtf_tune.study.scoring.coverage import CoverageFloor, coverage_floor, least_floor
 from gtf_tune.study.scoring.early_stopping import Decision
-from gtf_tune.study.scoring.objective import TrialScore, score_sequence, score_trial
+from gtf_tune.study.scoring.objective import (
+    CoverageFloor,
+    TrialScore,
+    coverage_floor,
+    least_floor,
+    score_sequence,
+    score_trial,
+)
 
 
 @dataclass(frozen=True)

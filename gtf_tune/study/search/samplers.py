@@ -10,8 +10,8 @@ from optuna.pruners import BasePruner, NopPruner, WilcoxonPruner
 from optuna.samplers import BaseSampler, RandomSampler, TPESampler
 
 from gtf_tune.definition import DEFAULT_TRIALS, SearchDefinition, StudyDefinition
+from gtf_tune.definition.model import FORMER_SAMPLERS
 from gtf_tune.definition.objects import load_object
-from gtf_tune.definition.search import FORMER_SAMPLERS
 from gtf_tune.errors import DefinitionError
 from gtf_tune.store.optuna.foreign_sampler import ForeignSampler
 from gtf_tune.study.runs.plan import SeedSource

@@ -2,17 +2,17 @@
 
 import random
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 
-from gtf_tune.errors import DeletedError
+from gtf_tune.errors import DeletedError, OptionError, numbered
 from gtf_tune.execution import Executor
-from gtf_tune.store import studies, trial_queue, trials
+from gtf_tune.store import enqueued, studies, trial_queue, trials
 from gtf_tune.store.enqueued import enqueued_numbers
 from gtf_tune.store.optuna import trials as optuna_trials
-from gtf_tune.store.trial_queue import TrialLease
-from gtf_tune.store.workers import Worker, this_worker
+from gtf_tune.store.trial_queue import TrialLease, Worker, this_worker
+from gtf_tune.study.enqueue import option_faults
 from gtf_tune.study.events import Callback, Event
 from gtf_tune.study.open_study import OpenStudy, trial_budget
 from gtf_tune.study.runs.run_source import Interrupted
@@ -20,7 +20,6 @@ from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.scoring.early_stopping import sizing_of
 from gtf_tune.study.search.samplers import make_sampler
 from gtf_tune.study.work.heartbeat import GRACE_S, INTERVAL_S, Heartbeat
-from gtf_tune.study.work.optuna_queue import adopt_waiting
 from gtf_tune.study.work.trial_runner import TrialRunner
 
 _FIRST_POLL_S = 0.5
@@ -176,3 +175,25 @@ class StudyWorker:
 
     def _close_if_complete(self) -> bool:
         return self._is_complete() and studies.close(self.study.database, self.study.record)
+
+
+def adopt_waiting(study: OpenStudy) -> None:
+    """Append the trials that wait in Optuna's queue to a study, whose budget grows by as many.
+
+    The sampler chooses what they leave open, as Optuna itself has it. A trial with options that the study cannot have
+    fails at once; its user attribute ``refused`` says why.
+    """
+    for waiting in enqueued.waiting_in_optuna(study.database, study.record):
+        faults = _faults(study, optuna_trials.fixed_options(study.optuna_study, waiting.id))
+        if faults:
+            optuna_trials.refuse(study.optuna_study, waiting.id, numbered(faults))
+        else:
+            enqueued.adopt(study.database, study.record.id, waiting)
+
+
+def _faults(study: OpenStudy, options: Mapping[str, object]) -> list[str]:
+    table = study.pipeline.options
+    try:
+        return option_faults(study.space, study.definition, table, table.check(options))
+    except OptionError as error:
+        return [str(error)]
