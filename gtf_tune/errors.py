@@ -11,7 +11,8 @@
     |-- MachineError         this machine is at fault: disk, permissions, programs that work elsewhere
     `-- StorageError         the database is missing, damaged, locked, too old or says otherwise
         |-- UnreachableError  its server does not answer, which may pass
-        `-- DeletedError      the study was deleted while it was worked on
+        |-- DeletedError      the study was deleted while it was worked on
+        `-- OptunaStudyError  another program renamed, deleted or changed the Optuna study of a study
 
 Every message is one sentence (what was expected, what came, where), then what to do. The command line prints it and
 exits with 1; any other exception is a defect and keeps its traceback.
@@ -74,6 +75,10 @@ class UnreachableError(StorageError):
 
 class DeletedError(StorageError):
     """Signal that someone deleted a study while it was worked on."""
+
+
+class OptunaStudyError(StorageError):
+    """Signal that another program renamed, deleted or changed the Optuna study of a study."""
 
 
 def did_you_mean(name: str, known: Iterable[str], *, most: int = 2, cutoff: float = 0.6, otherwise: str = "") -> str:

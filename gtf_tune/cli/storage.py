@@ -30,13 +30,15 @@ def check(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
 
 
 def upgrade(storage: Storage = DEFAULT_STORAGE) -> None:
-    """Bring the tables of an older storage to this version; make a backup first.
+    """Bring the tables of an older storage, and those of Optuna in it, to this version.
+
+    A SQLite file is copied first; make a backup of a server's database yourself.
 
     Example: gtf-tune storage upgrade --storage old.db
     """
     from gtf_tune.store.database import upgrade_database
 
-    database = upgrade_database(storage)
+    database = upgrade_database(storage, say)
     say(f"{database.shown_url} has the tables of this version")
 
 

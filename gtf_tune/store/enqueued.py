@@ -5,19 +5,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import String, cast, column, func, select, table
+from sqlalchemy import String, cast, func, select
 from sqlalchemy.orm import Session
 
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.columns import DatabaseClock
 from gtf_tune.store.database.session import read_rows, write
-from gtf_tune.store.optuna.retrying_storage import NUMBER_KEY
+from gtf_tune.store.optuna.rows import NUMBER_KEY, TRIAL_ATTRIBUTES, TRIALS
 from gtf_tune.store.studies import Study, locked
 from gtf_tune.store.trial_queue import ENQUEUED_KEY, TrialResult
-
-_OPTUNA_TRIALS = table("trials", column("trial_id"), column("number"), column("study_id"), column("state"))
-_ATTRIBUTES = table("trial_system_attributes", column("trial_id"), column("key"))
 
 
 @dataclass(frozen=True)
@@ -65,10 +62,9 @@ def adopt(database: Database, study_id: int, waiting: WaitingTrial) -> None:
 
 def waiting_in_optuna(database: Database, study: Study) -> list[WaitingTrial]:
     """Return the trials that an Optuna user has enqueued and no worker has adopted yet, by number."""
-    theirs, ours = _OPTUNA_TRIALS.c, models.Trial
-    numbered = select(_ATTRIBUTES.c.trial_id).where(
-        _ATTRIBUTES.c.trial_id == theirs.trial_id, _ATTRIBUTES.c.key == NUMBER_KEY
-    )
+    theirs, ours = TRIALS.c, models.Trial
+    attribute = TRIAL_ATTRIBUTES.c
+    numbered = select(attribute.trial_id).where(attribute.trial_id == theirs.trial_id, attribute.key == NUMBER_KEY)
     adopted = select(ours.id).where(ours.study_id == study.id, ours.optuna_trial_id == theirs.trial_id)
     query = (
         select(theirs.trial_id, theirs.number)

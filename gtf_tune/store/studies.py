@@ -13,7 +13,7 @@ from gtf_tune.definition import StudyDefinition, definition_from_dict
 from gtf_tune.errors import DefinitionError, DeletedError, StorageError, did_you_mean
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.session import columns_of, read, read_rows, write
-from gtf_tune.store.optuna.tables import delete_optuna_study
+from gtf_tune.store.optuna.link import delete_linked
 
 StudyState = Literal["open", "paused", "stopped", "done", "copying"]
 """Workers finish the trials of a paused study, and give back those of a stopped one; ``copying`` is a copy that is not
@@ -313,7 +313,7 @@ def delete_study(database: Database, name: str) -> None:
     Optuna's part goes first, so that after an interruption the study is still there to be deleted again.
     """
     study = get(database, name)
-    delete_optuna_study(database, study.optuna_study_id)
+    delete_linked(database, study)
     write(database, lambda session: _delete(session, study.id))
 
 

@@ -4,15 +4,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Executable, Select, String, Text, case, cast, column, func, select, table, type_coerce
+from sqlalchemy import Executable, Select, String, Text, case, cast, func, select, type_coerce
 
 from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.session import chunks, columns_of, read_rows
+from gtf_tune.store.optuna.rows import TRIALS
 from gtf_tune.store.trial_queue import TrialState
-
-_OPTUNA_TRIALS = table("trials", column("trial_id"), column("state"))
 
 
 @dataclass(frozen=True)
@@ -163,7 +162,7 @@ def counts(database: Database, study_id: int) -> dict[TrialState, int]:
 
 def untold(database: Database, study_id: int) -> list[Trial]:
     """Return finished trials whose end Optuna has not been told: their worker died between the two."""
-    running = select(_OPTUNA_TRIALS.c.trial_id).where(cast(_OPTUNA_TRIALS.c.state, String) == "RUNNING")
+    running = select(TRIALS.c.trial_id).where(cast(TRIALS.c.state, String) == "RUNNING")
     trial = models.Trial
     return _read(database, _of(study_id).where(trial.state != "claimed", trial.optuna_trial_id.in_(running)))
 

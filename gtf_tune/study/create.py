@@ -12,13 +12,13 @@ from optuna.exceptions import ExperimentalWarning
 from pydantic import TypeAdapter, ValidationError
 
 from gtf_tune.definition import Axis, StudyDefinition, definition_from_dict, dump_definition
-from gtf_tune.errors import GtfTuneError, SequenceError, StorageError
+from gtf_tune.errors import GtfTuneError, SequenceError
 from gtf_tune.pipelines import OptionTable, OptionValue, Pipeline, create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
-from gtf_tune.store.optuna.tables import optuna_storage, with_optuna
-from gtf_tune.store.optuna.trials import study_id_of
+from gtf_tune.store.optuna.link import create_optuna_study
+from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import NewStudy, Study
 from gtf_tune.study.open_study import make_pipeline, runnable
 from gtf_tune.study.scoring.objective import RESOLVED_KEY, SCORING_VERSION
@@ -79,7 +79,12 @@ def create_study(
         "versions": {"gtf_tune": __version__, pipeline.name: pipeline.version, "optuna": optuna.__version__},
     }
     new = NewStudy(
-        definition.name, _optuna_study(database, definition), dump_definition(definition), known, str(root), rows
+        definition.name,
+        _optuna_study(database, definition.name),
+        dump_definition(definition),
+        known,
+        str(root),
+        rows,
     )
     return studies.add(database, new)
 
@@ -102,24 +107,14 @@ def _refuse_same_images(sequences: Iterable[Sequence]) -> None:
             )
 
 
-def _optuna_study(database: Database, definition: StudyDefinition) -> int:
-    """Create the Optuna study, or take over the empty one of a creation that was interrupted."""
-    storage = optuna_storage(database)
-    study = with_optuna(
-        database,
-        lambda: optuna.create_study(
-            study_name=definition.name, storage=storage, direction="minimize", load_if_exists=True
-        ),
-    )
-    if study.get_trials(deepcopy=False):
-        raise StorageError(
-            f"{database.shown_url} has an Optuna study '{definition.name}' with trials that gtf-tune did not make; "
-            "choose another name"
-        )
+def _optuna_study(database: Database, name: str) -> int:
+    """Create the Optuna study of a new study, and name what its values are."""
+    created = create_optuna_study(database, name)
+    study = optuna.load_study(study_name=name, storage=optuna_storage(database))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)
         study.set_metric_names([METRIC_NAME])
-    return study_id_of(study)
+    return created
 
 
 def _option_faults(data: Mapping[str, Any]) -> list[str]:

@@ -15,6 +15,7 @@ from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.enqueued import numbers_of
+from gtf_tune.store.optuna.link import linked
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource
@@ -91,9 +92,11 @@ def open_study(
             "--allow-version-mismatch"
         )
     space = build_space(definition, pipeline.options)
+    record = linked(database, record)
+    storage = optuna_storage(database, of_search=True)
     optuna_study = optuna.load_study(
-        study_name=name,
-        storage=optuna_storage(database),
+        study_name=storage.get_study_name_from_id(record.optuna_study_id),
+        storage=storage,
         sampler=RandomSampler(definition.search.seed),  # workers make one for every trial
         pruner=make_pruner(definition.search),
     )

@@ -9,7 +9,9 @@ from gtf_tune.store import confirmations, runs, studies, trial_queue
 from gtf_tune.store.database import Database, open_database
 from gtf_tune.store.database.schema import REVISIONS
 from gtf_tune.store.maintenance.check import check
-from gtf_tune.store.optuna.tables import delete_optuna_study, optuna_storage
+from gtf_tune.store.optuna.link import delete_linked
+from gtf_tune.store.optuna.rows import NUMBER_KEY
+from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trial_queue import TrialResult, this_worker
@@ -23,12 +25,13 @@ def used(
     make_outcome: Callable[..., RunOutcome],
 ) -> Database:
     """Return a database with one complete trial of one run."""
-    from optuna.trial import TrialState
+    from optuna.trial import TrialState, create_trial
 
     storage = optuna_storage(database)
     lease = trial_queue.lease_trial(database, study.id, 9, this_worker())
     assert lease is not None
-    optuna_id = storage.create_new_trial(study.optuna_study_id)
+    template = create_trial(state=TrialState.RUNNING, system_attrs={NUMBER_KEY: 0})
+    optuna_id = storage.create_new_trial(study.optuna_study_id, template)
     trial_queue.attach_optuna_trial(database, lease, optuna_id, 0, {})
     saved = runs.save(database, make_request(), make_outcome())
     runs.link(database, lease.trial_id, [TrialRun(0, "desk", saved, reused=False)])
@@ -61,17 +64,21 @@ def test_a_lost_trajectory_is_a_problem(used: Database) -> None:
 
 
 def test_a_lost_optuna_study_is_a_problem(used: Database, study: Study) -> None:
-    delete_optuna_study(used, study.optuna_study_id)
-    assert check(used).problems == ("study 'room' has lost its Optuna study; restore a backup, or delete the study",)
+    delete_linked(used, study)
+    (problem,) = check(used).problems
+    assert "another program deleted the Optuna study of 'room'" in problem
 
 
 def test_a_trial_without_an_optuna_trial_is_a_problem(used: Database) -> None:
-    execute(used, "UPDATE gtf_trial SET optuna_trial_id = 99")
-    assert check(used).problems == ("trial 0 of study 'room' has no Optuna trial; restore a backup",)
+    execute(used, "UPDATE gtf_trial SET optuna_number = 99, optuna_trial_id = 99")
+    (problem,) = check(used).problems
+    assert "another program deleted the Optuna study of 'room'" in problem
+    assert "or trials of it" in problem
 
 
 def test_a_missing_trial_is_a_problem(used: Database) -> None:
     execute(used, "UPDATE gtf_trial SET ordinal = 2")
+    execute(used, "UPDATE trial_system_attributes SET value_json = '2'")
     assert check(used).problems == ("study 'room' lacks 2 of its trials 0 to 2; restore a backup",)
 
 

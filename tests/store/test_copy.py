@@ -14,6 +14,7 @@ from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.maintenance.copy import copy_study
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna import copy
+from gtf_tune.store.optuna.rows import NUMBER_KEY
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import Study
@@ -72,7 +73,7 @@ def _optuna_trial(database: Database, study: Study, number: int) -> optuna.trial
                 "mode": optuna.distributions.CategoricalDistribution(["a", "b", None]),
             },
             user_attrs={"coverage": 1.0},
-            system_attrs={"constraints": [-0.1]},
+            system_attrs={"constraints": [-0.1], NUMBER_KEY: number},
             intermediate_values={0: float("inf"), 1: 0.25},
         )
     )
@@ -189,8 +190,8 @@ def test_an_optuna_study_of_the_same_name_is_never_overwritten(
 ) -> None:
     source, target = pair
     fill(source)
-    optuna.create_study(study_name="room", storage=optuna_storage(target))
-    with pytest.raises(StorageError, match="already holds an Optuna study 'room'"):
+    optuna.create_study(study_name="room", storage=optuna_storage(target)).ask()
+    with pytest.raises(StorageError, match="has an Optuna study 'room' with trials that gtf-tune did not make"):
         copy_study(source, target, "room")
 
 

@@ -3,6 +3,7 @@
 import socket
 import webbrowser
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from socketserver import ThreadingMixIn
 from typing import Any, Self
@@ -10,11 +11,12 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 import optuna_dashboard
 
-from gtf_tune.errors import DefinitionError
+from gtf_tune.errors import DefinitionError, OptunaStudyError
 from gtf_tune.report.dashboard.upkeep import Upkeep
 from gtf_tune.report.dashboard.writer import artifact_folder, artifact_store
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
+from gtf_tune.store.optuna.link import optuna_study_id
 from gtf_tune.store.optuna.tables import optuna_storage
 
 DEFAULT_HOST = "127.0.0.1"
@@ -132,7 +134,9 @@ def _store(folder: Path | None) -> Any:
 
 def _only_study(database: Database) -> str:
     names = studies.names(database)
-    return f"/studies/{studies.get(database, names[0]).optuna_study_id}" if len(names) == 1 else ""
+    with suppress(OptunaStudyError):
+        return f"/studies/{optuna_study_id(database, studies.get(database, names[0]))}" if len(names) == 1 else ""
+    return ""
 
 
 def _refuse_other_names(application: _Application) -> _Application:

@@ -19,6 +19,7 @@ from gtf_tune.report.study_data import StudyData, read_search, read_trials, runs
 from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.errors import storage_error
+from gtf_tune.store.optuna.link import linked
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.study.events import Event, TrialFinished
 from gtf_tune.study.outcome.export import FILE_NAMES, options_files
@@ -167,9 +168,11 @@ class DashboardSync:
 
     def _opened(self) -> DashboardWriter:
         if self._writer is None:
+            storage = optuna_storage(self._database)
+            record = linked(self._database, studies.get(self._database, self._name))
             study = optuna.load_study(
-                study_name=self._name,
-                storage=optuna_storage(self._database),
+                study_name=storage.get_study_name_from_id(record.optuna_study_id),
+                storage=storage,
                 sampler=optuna.samplers.RandomSampler(seed=0),
                 pruner=optuna.pruners.NopPruner(),
             )

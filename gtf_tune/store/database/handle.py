@@ -11,10 +11,12 @@ from sqlalchemy.engine import URL
 from sqlalchemy.exc import SQLAlchemyError
 
 from gtf_tune.errors import StorageError, UnreachableError
+from gtf_tune.store.database.backup import back_up
 from gtf_tune.store.database.engine import READ_ONLY, make_engine
 from gtf_tune.store.database.errors import storage_error
 from gtf_tune.store.database.schema import REVISIONS, create_schema, current_revision, fault_of_revision, upgrade_schema
 from gtf_tune.store.database.urls import display_url, parse_url
+from gtf_tune.store.optuna.revision import optuna_revision
 
 Result = TypeVar("Result")
 
@@ -97,8 +99,10 @@ def create_database(storage: str) -> Database:
     return _current(database)
 
 
-def upgrade_database(storage: str) -> Database:
+def upgrade_database(storage: str, announce: Callable[[str], None] = lambda _: None) -> Database:
     """Return an existing database after bringing the tables of gtf-tune and of Optuna to this version.
+
+    A SQLite file that will change is copied first; ``announce`` says where to.
 
     Raises
     ------
@@ -107,8 +111,16 @@ def upgrade_database(storage: str) -> Database:
     """
     database = connect(storage)
     if _revision(database) in ("", *REVISIONS):
-        _guarded(database, lambda: upgrade_schema(database.engine, database.url))
+        _guarded(database, lambda: _upgrade(database, announce))
     return _current(database)
+
+
+def _upgrade(database: Database, announce: Callable[[str], None]) -> None:
+    found = optuna_revision(database.reader)
+    will_change = found.is_older or current_revision(database.reader) != REVISIONS[-1]
+    if will_change and found.exist and database.url.get_backend_name() == "sqlite":
+        announce(f"copied {database.shown_url} to {back_up(Path(str(database.url.database)))} before its upgrade")
+    upgrade_schema(database.engine, database.url)
 
 
 def connect(storage: str) -> Database:
@@ -150,6 +162,9 @@ def _guarded(database: Database, work: Callable[[], Result]) -> Result:
     """Do what is not a unit of work of a session, with the same errors."""
     try:
         return work()
+    except StorageError:
+        database.close()
+        raise
     except SQLAlchemyError as error:
         database.close()
         raise storage_error(error, database.url) from error

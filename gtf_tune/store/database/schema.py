@@ -12,7 +12,10 @@ from pathlib import Path
 from sqlalchemy import Engine, column, inspect, select, table, text
 from sqlalchemy.engine import URL
 
+from gtf_tune.errors import StorageError
 from gtf_tune.store.database.engine import READ_ONLY, untuned_arguments
+from gtf_tune.store.database.urls import display_url
+from gtf_tune.store.optuna.revision import optuna_revision
 
 VERSION_TABLE = "gtf_alembic_version"
 REVISIONS = ("0001",)
@@ -47,18 +50,39 @@ def fault_of_revision(revision: str, shown_url: str) -> str:
 
 
 def create_schema(engine: Engine, url: URL) -> None:
-    """Make all tables, unless another process has done so meanwhile."""
+    """Make all tables, unless another process has done so meanwhile.
+
+    Raises
+    ------
+    StorageError
+        There are tables of an older or newer Optuna, which other programs may use.
+    """
     with _alone(engine, url):
         if not current_revision(engine):
+            _refuse(optuna_revision(engine).fault(display_url(url)))
             _update_optuna(url)
             _update_ours(engine)
 
 
 def upgrade_schema(engine: Engine, url: URL) -> None:
-    """Bring the tables of an old database, and those that it lacks, to this version."""
+    """Bring the tables of an old database, and those that it lacks, to this version.
+
+    Raises
+    ------
+    StorageError
+        There are tables of a newer Optuna.
+    """
     with _alone(engine, url):
+        found = optuna_revision(engine)
+        if not found.is_older:
+            _refuse(found.fault(display_url(url)))
         _update_optuna(url)
         _update_ours(engine)
+
+
+def _refuse(fault: str) -> None:
+    if fault:
+        raise StorageError(fault)
 
 
 def _update_ours(engine: Engine) -> None:

@@ -1,17 +1,20 @@
 """Check a database: its tables, what refers to what, and every stored trajectory."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 from sqlalchemy import Select, func, select, text
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import OptunaStudyError, StorageError
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.schema import current_revision
 from gtf_tune.store.database.session import chunks, read_rows
 from gtf_tune.store.maintenance.check_contents import check_tables, unreadable
-from gtf_tune.store.optuna.tables import optuna_storage, study_ids, trials_by_id
+from gtf_tune.store.optuna.link import foreign_trials, optuna_study_id
+from gtf_tune.store.optuna.tables import optuna_storage
+from gtf_tune.store.studies import Study
 from gtf_tune.store.trajectories import trajectories
 
 
@@ -47,7 +50,7 @@ def check(database: Database) -> CheckReport:
     check_tables(database)
     garbled = unreadable(database)
     problems = [*_damage(database), *_orphans(database), *_missing_outputs(database), *garbled]
-    problems += [*_studies_without_optuna(database), *_missing_trials(database), *_bad_trajectories(database)]
+    problems += [*_optuna_studies(database), *_missing_trials(database), *_bad_trajectories(database)]
     return CheckReport(
         revision=current_revision(database.reader),
         optuna_revision=optuna_storage(database).get_current_version(),
@@ -83,20 +86,23 @@ def _missing_outputs(database: Database) -> Iterator[str]:
         yield f"run {key} has lost its trajectory; restore a backup"
 
 
-def _studies_without_optuna(database: Database) -> Iterator[str]:
+def _optuna_studies(database: Database) -> Iterator[str]:
+    """Yield Optuna studies that are gone or of another kind, and what they say otherwise about a trial."""
     storage = optuna_storage(database)
-    known = study_ids(storage)
-    query = select(models.Study.id, models.Study.name, models.Study.optuna_study_id)
-    for study_id, name, optuna_id in read_rows(database, query):
-        if optuna_id not in known:
-            yield f"study '{name}' has lost its Optuna study; restore a backup, or delete the study"
+    ours = models.Trial
+    for study_id, name in read_rows(database, select(models.Study.id, models.Study.name).order_by(models.Study.id)):
+        try:
+            optuna_id = optuna_study_id(database, studies.get(database, name))
+        except OptunaStudyError as error:
+            yield str(error)
             continue
-        told = trials_by_id(storage, optuna_id)
-        ours = models.Trial
-        scored = select(ours.number, ours.optuna_trial_id, ours.value).where(ours.study_id == study_id)
+        except StorageError:  # a damaged text, which is named already
+            continue
+        told = {trial.number: trial for trial in storage.get_all_trials(optuna_id, deepcopy=False)}
+        scored = select(ours.number, ours.optuna_number, ours.value).where(ours.study_id == study_id)
         ended = ours.state.in_(("complete", "pruned"))
-        for number, trial_id, value in read_rows(database, scored.where(ended).order_by(ours.number)):
-            trial = told.get(trial_id)
+        for number, optuna_number, value in read_rows(database, scored.where(ended).order_by(ours.number)):
+            trial = told.get(optuna_number)
             if trial is None:
                 yield f"trial {number} of study '{name}' has no Optuna trial; restore a backup"
             elif trial.state.is_finished() and trial.values != [value]:
@@ -147,6 +153,18 @@ def _notes(database: Database) -> Iterator[str]:
             yield f"study '{study.name}' is an unfinished copy; delete it with 'gtf-tune study delete {study.name}'"
         if trials.untold(database, study.id):
             yield f"Optuna has not been told the end of some trials of '{study.name}'; the next worker does so"
+        with suppress(OptunaStudyError):
+            yield from _of_other_programs(database, study)
+
+
+def _of_other_programs(database: Database, study: Study) -> Iterator[str]:
+    storage, optuna_id = optuna_storage(database), optuna_study_id(database, study)
+    name = storage.get_study_name_from_id(optuna_id)
+    if name != study.name:
+        yield f"another program renamed the Optuna study of '{study.name}' to '{name}'; gtf-tune goes on with it"
+    foreign = foreign_trials(database, study, storage.get_all_trials(optuna_id, deepcopy=False))
+    if foreign:
+        yield f"other programs added {foreign} trials to the Optuna study of '{study.name}'; its search ignores them"
 
 
 def _unused_runs(database: Database) -> set[str]:

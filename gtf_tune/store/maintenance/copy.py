@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import Any
 
 from sqlalchemy import ColumnElement, Table, insert, select
@@ -13,7 +14,8 @@ from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.session import chunks, read, read_rows, write
 from gtf_tune.store.database.urls import place_of
 from gtf_tune.store.maintenance.digest import study_digest
-from gtf_tune.store.optuna.copy import copy_optuna_study, create_optuna_study, optuna_digest
+from gtf_tune.store.optuna.copy import copy_optuna_study, optuna_digest
+from gtf_tune.store.optuna.link import create_optuna_study, optuna_study_id
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trajectories import checked_trajectory, trajectories
 
@@ -41,7 +43,8 @@ def copy_study(source: Database, target: Database, name: str) -> str:
     _check_different(source, target)
     study = studies.get(source, name)
     _check_absent(target, name)
-    optuna_id = create_optuna_study(source, target, study.optuna_study_id, name)
+    study = replace(study, optuna_study_id=optuna_study_id(source, study))
+    optuna_id = create_optuna_study(target, name)
     new_id = _copy_study_row(source, target, study, optuna_id)
     with ExitStack() as undo:
         undo.callback(studies.delete_study, target, name)
@@ -158,7 +161,7 @@ def _copy_trials(
 
 def _trial_copy(row: Row, study_id: int, optuna_ids: Mapping[int, int]) -> Row:
     released = _RELEASED if row["state"] == "claimed" else {}
-    return {**row, **released, "study_id": study_id, "optuna_trial_id": optuna_ids.get(row["optuna_trial_id"])}
+    return {**row, **released, "study_id": study_id, "optuna_trial_id": optuna_ids.get(row["optuna_number"])}
 
 
 def _verified(source: Database, target: Database, study: Study, optuna_id: int) -> str:

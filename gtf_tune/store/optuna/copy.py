@@ -5,10 +5,9 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import digest
 from gtf_tune.store.database import Database
-from gtf_tune.store.optuna.tables import optuna_storage, trials_by_id, with_optuna
+from gtf_tune.store.optuna.tables import optuna_storage, trials_by_id
 
 if TYPE_CHECKING:
     from optuna.trial import FrozenTrial
@@ -17,38 +16,17 @@ if TYPE_CHECKING:
 _KEY_OF_TRIAL = re.compile(r"(dashboard:(?:artifacts:)?)(\d+)(:.*)", re.DOTALL)
 
 
-def create_optuna_study(source: Database, target: Database, source_id: int, name: str) -> int:
-    """Create an empty Optuna study with the directions of another one, and return its id in the target.
-
-    Raises
-    ------
-    StorageError
-        The target has an Optuna study of this name.
-    """
-    from optuna.exceptions import DuplicatedStudyError
-
-    directions = optuna_storage(source).get_study_directions(source_id)
-    try:
-        return with_optuna(target, lambda: optuna_storage(target).create_new_study(directions, name))
-    except DuplicatedStudyError as error:
-        raise StorageError(
-            f"{target.shown_url} already holds an Optuna study '{name}' that gtf-tune does not know; delete it with "
-            f"'optuna delete-study --study-name {name}', or choose another database"
-        ) from error
-
-
 def copy_optuna_study(source: Database, target: Database, source_id: int, target_id: int) -> dict[int, int]:
-    """Copy trials and attributes of an Optuna study, and return the new id of each trial by its old one."""
+    """Copy trials and attributes of an Optuna study, and return the new id of each trial by its number."""
     old, new = optuna_storage(source), optuna_storage(target)
-    ids = {
-        trial_id: new.create_new_trial(target_id, template_trial=trial)
-        for trial_id, trial in trials_by_id(old, source_id).items()
-    }
+    trials = trials_by_id(old, source_id)
+    copies = {trial.number: new.create_new_trial(target_id, template_trial=trial) for trial in trials.values()}
+    ids = {trial_id: copies[trial.number] for trial_id, trial in trials.items()}
     for key, value in old.get_study_user_attrs(source_id).items():
         new.set_study_user_attr(target_id, key, value)
     for key, value in old.get_study_system_attrs(source_id).items():
         new.set_study_system_attr(target_id, _renamed(key, ids), value)
-    return ids
+    return copies
 
 
 def _renamed(key: str, ids: Mapping[int, int]) -> str:

@@ -17,8 +17,8 @@ from sqlalchemy import Select, select
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
-NUMBER_KEY = "gtf_tune:slot"
-"""System attribute with the number of the trial in the study's budget."""
+from gtf_tune.store.database.models import Study, Trial
+from gtf_tune.store.optuna.rows import NUMBER_KEY
 
 # All of these may be done twice: they look, or set what a second call sets again. `create_new_trial` may, too, where
 # the trial has such a number.
@@ -79,11 +79,14 @@ class RetryingStorage(RDBStorage):
     creates a second one when the answer to its commit is lost, and so does a worker that was cut off while another took
     its trial over.
 
-    Raises `StorageError` where the fault does not pass.
+    With ``of_search``, trials that gtf-tune did not make are left out of lists.
+
+    Raises `StorageError` where the fault does not pass, and `LostRecordError` where a study or a trial is gone.
     """
 
-    def __init__(self, retry: Retry, url: str, **arguments: Any) -> None:
+    def __init__(self, retry: Retry, url: str, *, of_search: bool = False, **arguments: Any) -> None:
         super().__init__(url, **arguments)
+        self._of_search = of_search
         self._gathered = _Gathered()
         self._gather = _retried(retry, self._write_gathered)
         for name in _REPEATABLE:
@@ -162,6 +165,19 @@ class RetryingStorage(RDBStorage):
         row = {"intermediate_value": value, "intermediate_value_type": value_type}
         self._gathered.rows.append((kind, {"trial_id": trial_id, "step": step, **row}))
 
+    def _get_trials(self, study_id: int, *arguments: Any, **named: Any) -> list[FrozenTrial]:
+        """Return trials of a study; those of a search are the ones that the trials of its budget name, or wait to."""
+        found = super()._get_trials(study_id, *arguments, **named)
+        if not self._of_search:
+            return found
+        with _create_scoped_session(self.scoped_session) as session:
+            ours = set(session.scalars(_attached(study_id)))
+        return [
+            trial
+            for trial in found
+            if trial._trial_id in ours or (NUMBER_KEY in trial.system_attrs and not trial.state.is_finished())
+        ]
+
     def _get_prepared_new_trial(
         self, study_id: int, template_trial: FrozenTrial | None, session: Session
     ) -> models.TrialModel:
@@ -183,6 +199,15 @@ def gathered(storage: BaseStorage) -> Iterator[None]:
         return
     with ours.gathered():
         yield
+
+
+def _attached(study_id: int) -> Select[int | None]:
+    """Select the ids of the Optuna trials that the trials of a study's budget name."""
+    return (
+        select(Trial.optuna_trial_id)
+        .join(Study, Study.id == Trial.study_id)
+        .where(Study.optuna_study_id == study_id, Trial.optuna_trial_id.is_not(None))
+    )
 
 
 def _of_number(study_id: int, number: int) -> Select[models.TrialModel]:

@@ -1,77 +1,62 @@
 """Optuna's storage on our database; Optuna is imported only when a function here is called."""
 
-import warnings
 from collections.abc import Callable, Collection, Sequence
-from contextlib import suppress
-from functools import cache, partial
+from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
-from sqlalchemy import Table, column, delete, table
+from sqlalchemy import Table, delete
 
-from gtf_tune.errors import StorageError
+from gtf_tune.errors import OptunaStudyError, StorageError
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.engine import shared_arguments
 from gtf_tune.store.database.schema import optuna_url
 from gtf_tune.store.database.session import patiently, write
+from gtf_tune.store.optuna.revision import optuna_revision
+from gtf_tune.store.optuna.rows import STUDY_ATTRIBUTES
 
 if TYPE_CHECKING:
     from optuna.storages import BaseStorage, RDBStorage
     from optuna.trial import FrozenTrial
 
 Result = TypeVar("Result")
-_ATTRIBUTES = table("study_system_attributes", column("study_id"), column("key"))
 
 
-def optuna_storage(database: Database, heartbeat_s: int | None = None, grace_s: int | None = None) -> "RDBStorage":
+class LostRecordError(OptunaStudyError, KeyError):
+    """Signal a study or a trial of Optuna that is gone, also to Optuna's own code, which expects a KeyError."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def optuna_storage(database: Database, *, of_search: bool = False) -> "RDBStorage":
     """Return Optuna's storage on the connections of the same database, with the same tuning of transactions.
 
     `Database.close` closes it too. Its calls wait out faults that pass, except those that create studies and trials:
-    wrap these in `with_optuna` and look first for what an earlier attempt created. ``heartbeat_s`` and ``grace_s`` are
-    Optuna's ``heartbeat_interval`` and ``grace_period``, in seconds.
+    wrap these in `with_optuna` and look first for what an earlier attempt created. A storage ``of_search`` shows only
+    the trials that gtf-tune made: samplers do not learn from those that other programs put into a study.
 
     Raises
     ------
     StorageError
         Optuna's tables are older or newer than the installed Optuna.
     """
-    from optuna.exceptions import ExperimentalWarning
-
     from gtf_tune.store.optuna.retrying_storage import RetryingStorage
 
-    def connect() -> "RDBStorage":
-        return RetryingStorage(
+    fault = with_optuna(database, lambda: optuna_revision(database.engine).fault(database.shown_url))
+    if fault:
+        raise StorageError(fault)
+    return with_optuna(
+        database,
+        lambda: RetryingStorage(
             partial(with_optuna, database),
             optuna_url(database.url),
+            of_search=of_search,
             engine_kwargs=shared_arguments(database.engine),
             # Optuna's own check opens a second connection inside a transaction, which would block on the first.
             skip_compatibility_check=True,
-            heartbeat_interval=heartbeat_s,
-            grace_period=grace_s,
             skip_table_creation=True,
-        )
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ExperimentalWarning)
-        storage = with_optuna(database, connect)
-    revision = storage.get_current_version()
-    if revision != _head_revision():
-        raise StorageError(
-            f"the Optuna tables in {database.shown_url} have revision {revision}, not {_head_revision()}; run "
-            f"'gtf-tune storage upgrade --storage {database.shown_url}'"
-        )
-    return storage
-
-
-@cache
-def _head_revision() -> str:
-    """Return the revision that the installed Optuna works with; it reads all its migrations to tell."""
-    from optuna.storages import RDBStorage
-
-    storage = RDBStorage("sqlite://")
-    head = storage.get_head_version()
-    storage.remove_session()
-    storage.engine.dispose()
-    return head
+        ),
+    )
 
 
 def with_optuna(database: Database, work: Callable[[], Result]) -> Result:
@@ -83,6 +68,8 @@ def with_optuna(database: Database, work: Callable[[], Result]) -> Result:
     ------
     StorageError
         The fault did not pass.
+    LostRecordError
+        A study or a trial is gone.
     """
     from optuna.exceptions import StorageInternalError
 
@@ -91,6 +78,11 @@ def with_optuna(database: Database, work: Callable[[], Result]) -> Result:
             return work()
         except StorageInternalError as error:
             raise error.__cause__ or error from error
+        except KeyError as error:
+            raise LostRecordError(
+                f"another program renamed or deleted an Optuna study in {database.shown_url} while it was worked on; "
+                "run the command again"
+            ) from error
 
     return patiently(database, attempt)
 
@@ -114,15 +106,10 @@ def optuna_tables() -> list[Table]:
 
 def forget_attributes(database: Database, optuna_study_id: int, keys: Collection[str]) -> None:
     """Remove system attributes of an Optuna study, for which Optuna itself has no call."""
-    doomed = delete(_ATTRIBUTES).where(_ATTRIBUTES.c.study_id == optuna_study_id, _ATTRIBUTES.c.key.in_(keys))
+    attribute = STUDY_ATTRIBUTES.c
+    doomed = delete(STUDY_ATTRIBUTES).where(attribute.study_id == optuna_study_id, attribute.key.in_(keys))
     if keys:
         write(database, lambda session: session.execute(doomed).close())
-
-
-def delete_optuna_study(database: Database, optuna_study_id: int) -> None:
-    """Delete an Optuna study with its trials, if it is still there."""
-    with suppress(KeyError):
-        with_optuna(database, lambda: optuna_storage(database).delete_study(optuna_study_id))
 
 
 def fail_trials(database: Database, trial_ids: Sequence[int]) -> None:

@@ -11,7 +11,7 @@ from optuna.exceptions import UpdateFinishedTrialError
 from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, Trial, TrialState, create_trial
 
-from gtf_tune.store.optuna.retrying_storage import NUMBER_KEY
+from gtf_tune.store.optuna.rows import NUMBER_KEY
 
 _FIXED = "fixed_params"  # where Optuna's own enqueue_trial keeps the values that a trial must take
 STATES = MappingProxyType({"complete": TrialState.COMPLETE, "pruned": TrialState.PRUNED})

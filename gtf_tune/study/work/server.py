@@ -9,6 +9,7 @@ from gtf_tune.errors import DeletedError, GtfTuneError, MachineError, StorageErr
 from gtf_tune.execution import Executor
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
+from gtf_tune.store.optuna.tables import LostRecordError
 from gtf_tune.store.studies import Study, stored_definition
 from gtf_tune.study.events import Callback, Event, TrialStarted, ignore
 from gtf_tune.study.open_study import OpenStudy, SequencePlaces, open_study, trials_left
@@ -130,6 +131,10 @@ class WorkerLoop:
             self.announce(f"study '{record.name}' was deleted; its trial in work is dropped")
             self._opened.pop(record.id, None)
             return False
+        except LostRecordError:
+            self.announce(f"another program renamed or deleted the Optuna study of '{record.name}'; looking for it")
+            self._opened.pop(record.id, None)
+            return True
         except (MachineError, UnreachableError):
             raise
         except Exception as error:  # whatever is wrong with one study, the others are served
