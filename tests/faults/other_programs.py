@@ -48,7 +48,6 @@ def add_trials(database: Database) -> None:
     study = load(database)
     study.add_trial(create_trial(state=TrialState.RUNNING))
     study.add_trial(create_trial(state=TrialState.FAIL))
-    study.enqueue_trial({"filter.max_error": 0.05})
     for name, value, kind in (
         ("other", 1.0, FloatDistribution(0, 2)),
         ("filter.max_error", 900.0, FloatDistribution(800, 1000, log=True)),

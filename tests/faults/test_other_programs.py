@@ -128,7 +128,7 @@ def test_a_disturbed_study_is_copied_whole(database: Database, tmp_path: Path, n
     [
         ("renamed", "", "renamed the Optuna study of 'small' to 'renamed'"),
         ("renamed in place", "", "renamed the Optuna study of 'small' to 'renamed'"),
-        ("foreign trials", "", "other programs added 5 trials to the Optuna study of 'small'; its search ignores them"),
+        ("foreign trials", "", "other programs added 4 trials to the Optuna study of 'small'; its search ignores them"),
         ("deleted", "another program deleted the Optuna study of 'small'", ""),
         ("id reused", "another program deleted the Optuna study of 'small'", ""),
     ],
@@ -150,8 +150,10 @@ class _Disturbing(InlineExecutor):
         super().__init__()
         self._database, self._disturb, self._after = database, disturb, after
 
-    def submit(self, request: RunRequest, limits: RunLimits) -> "Future[RunOutcome]":
-        found = super().submit(request, limits)
+    def submit(
+        self, request: RunRequest, limits: RunLimits, known_good: RunRequest | None = None
+    ) -> "Future[RunOutcome]":
+        found = super().submit(request, limits, known_good)
         if len(self.executed) == self._after:
             self._disturb(self._database)
         return found

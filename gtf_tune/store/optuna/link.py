@@ -197,19 +197,11 @@ def _copy_of(database: Database, storage: "RDBStorage", study: "Study") -> int:
 
 def _attached(database: Database, study_id: int) -> list[_Attached]:
     trial = models.Trial
-    query = select(
-        trial.number,
-        trial.optuna_trial_id,
-        trial.optuna_number,
-        trial.state != "claimed",
-        trial.options,
-        trial.value,
-    )
+    ids = (trial.number, trial.optuna_trial_id, trial.optuna_number)
+    rows = read_rows(database, _attached_to(study_id, select(*ids, trial.state, trial.options, trial.value)))
     return [
-        _Attached(number, optuna_id, optuna_number, bool(has_ended), options or {}, value)
-        for number, optuna_id, optuna_number, has_ended, options, value in read_rows(
-            database, _attached_to(study_id, query)
-        )
+        _Attached(number, optuna_id, optuna_number, state != "claimed", options or {}, value)
+        for number, optuna_id, optuna_number, state, options, value in rows
     ]
 
 

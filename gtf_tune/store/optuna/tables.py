@@ -87,11 +87,6 @@ def with_optuna(database: Database, work: Callable[[], Result]) -> Result:
     return patiently(database, attempt)
 
 
-def study_ids(storage: "BaseStorage") -> set[int]:
-    """Return the database ids of all Optuna studies."""
-    return {study._study_id for study in storage.get_all_studies()}
-
-
 def trials_by_id(storage: "BaseStorage", optuna_study_id: int) -> "dict[int, FrozenTrial]":
     """Return the trials of an Optuna study by their database ids, in the order of their numbers."""
     return {trial._trial_id: trial for trial in storage.get_all_trials(optuna_study_id, deepcopy=False)}
