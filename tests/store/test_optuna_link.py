@@ -17,8 +17,7 @@ from gtf_tune.store.optuna.link import linked
 from gtf_tune.store.optuna.rows import NUMBER_KEY
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import Study
-from gtf_tune.store.trial_queue import TrialResult
-from gtf_tune.store.workers import this_worker
+from gtf_tune.store.trial_queue import TrialResult, this_worker
 from tests.faults import other_programs
 
 
