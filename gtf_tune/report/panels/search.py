@@ -56,9 +56,9 @@ def history_figure(study: optuna.Study, points: PointSet) -> go.Figure:
     for trace, (name, style) in zip(drawn.data, _history_styles(points), strict=False):
         trace.update(name=name, **style)
     drawn.data = drawn.data[:2]
-    by_ordinal = {point.number: point for point in points.points}
+    by_number = {point.number: point for point in points.points}
     drawn.data[0].update(
-        hovertext=[trial_text(by_ordinal[number], points) for number in drawn.data[0].x], hoverinfo="text"
+        hovertext=[trial_text(by_number[number], points) for number in drawn.data[0].x], hoverinfo="text"
     )
     for state, colour, symbol in _STATES:
         _add_state(drawn, points, state, (colour, symbol))
