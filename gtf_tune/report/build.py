@@ -91,7 +91,7 @@ def read_configurations(database: Database, data: StudyData) -> dict[str, tuple[
 def _section(choice: PanelChoice, report: ReportInput) -> Section:
     found = panel(choice.kind)
     title = found.title if choice.title is None else choice.title
-    text = found.text if choice.text is None else choice.text
+    text = found.text_for(report.data) if choice.text is None else choice.text
     return Section(choice.kind, title, text, found.blocks(report))
 
 

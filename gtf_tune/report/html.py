@@ -1,19 +1,26 @@
 """The page of a report: one HTML file that needs no network and no server."""
 
+import base64
+import gzip
 import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
+from typing import Any
 
 from plotly.offline import get_plotlyjs
 
-from gtf_tune.report.drawing import markup
+from gtf_tune.report.drawing import markup, theme
+from gtf_tune.report.drawing.description import description
 from gtf_tune.report.drawing.markup import Html
 from gtf_tune.report.panels.base import Block, Drawing
 
 _NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9._-]+")
+_DIGITS = 6
+_TOO_OLD = "This browser is too old to draw the figures: it cannot unpack them. Texts and tables are complete."
+_NO_SCRIPT = "Figures need JavaScript. Texts and tables are complete."
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +48,10 @@ def render_page(head: PageHead, sections: Sequence[Section]) -> str:
     title = markup.element("title", markup.text(f"{head.study}: {head.title}"))
     meta = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
     style = f"<style>{_resource('style.css')}</style>"
-    script = f"<script>{get_plotlyjs()}</script><script>{_resource('page.js')}</script>"
-    body = markup.joined([_header(head), _contents(sections), *map(_section, sections), _footer(head)])
+    main = markup.element("main", *map(_section, sections))
+    body = markup.joined([_skip_link(sections), _header(head), _contents(sections), *_notices(), main, _footer(head)])
     head_ = f"<head>{meta}{title}{style}</head>"
-    return f'<!DOCTYPE html>\n<html lang="en">{head_}\n<body>\n{body}\n{script}\n</body></html>\n'
+    return f'<!DOCTYPE html>\n<html lang="en">{head_}\n<body>\n{body}\n{_scripts()}\n</body></html>\n'
 
 
 def figure_id(name: str) -> str:
@@ -54,8 +61,39 @@ def figure_id(name: str) -> str:
 
 def figure_json(figure: object) -> str:
     """Return the JSON of a figure in a form that can stand inside a script element."""
-    content = json.loads(figure.to_json())  # type: ignore[attr-defined]
-    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")
+    content = _rounded(json.loads(figure.to_json()))  # type: ignore[attr-defined]
+    return json.dumps(content, separators=(",", ":"), ensure_ascii=False).replace("<", "\\u003c")
+
+
+def _rounded(content: Any) -> Any:
+    """Return JSON with six digits of every number, which is more than a screen shows."""
+    if isinstance(content, float):
+        return float(f"{content:.{_DIGITS}g}")
+    if isinstance(content, list):
+        return [_rounded(value) for value in content]
+    if isinstance(content, dict):
+        return {name: _rounded(value) for name, value in content.items()}
+    return content
+
+
+def _scripts() -> Html:
+    """Return plotly.js, packed because it makes up most of the page, and the script that draws the figures."""
+    packed = base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode()
+    return Html(
+        f'<script type="application/json" id="dark-colours">{json.dumps(dict(theme.DARK))}</script>\n'
+        f'<script type="text/plain" id="plotly">{packed}</script>\n'
+        f"<script>{_resource('page.js')}</script>"
+    )
+
+
+def _notices() -> list[Html]:
+    too_old = markup.element("p", markup.text(_TOO_OLD), class_="missing", id="too-old", hidden="")
+    return [markup.element("noscript", markup.missing(_NO_SCRIPT)), too_old]
+
+
+def _skip_link(sections: Sequence[Section]) -> Html:
+    first = sections[0]
+    return markup.element("a", markup.text(f"Skip to: {first.title}"), href=f"#{first.kind}", class_="skip")
 
 
 def _header(head: PageHead) -> Html:
@@ -71,16 +109,17 @@ def _contents(sections: Sequence[Section]) -> Html:
     links = [
         markup.element("a", markup.text(section.kind.capitalize()), href=f"#{section.kind}") for section in sections
     ]
-    return markup.element("nav", *links)
+    return markup.element("nav", *links, aria_label="Panels")
 
 
 def _section(section: Section) -> Html:
-    parts = [markup.element("h2", markup.text(section.title))]
+    title = f"{section.kind}-title"
+    parts = [markup.element("h2", markup.text(section.title), id=title)]
     if section.text:
         parts.append(markup.paragraph(section.text, "lead"))
     for group in _grouped(section.blocks):
         parts.append(_grid(group) if isinstance(group, list) else group)
-    return markup.element("section", *parts, id=section.kind)
+    return markup.element("section", *parts, id=section.kind, aria_labelledby=title)
 
 
 def _grouped(blocks: Sequence[Block]) -> list[Html | list[Drawing]]:
@@ -104,11 +143,19 @@ def _grid(drawings: Sequence[Drawing]) -> Html:
 def _figure(drawing: Drawing) -> Html:
     name = figure_id(drawing.name)
     height = drawing.figure.layout.height
-    title = [markup.element("h4", markup.text(drawing.title))] if drawing.title else []
-    plot = markup.element("div", id=name, class_="plot", style=f"height:{height}px", data_spec=f"{name}.json")
+    title = [markup.element("figcaption", markup.text(drawing.title))] if drawing.title else []
+    plot = markup.element(
+        "div",
+        id=name,
+        class_="plot",
+        style=f"height:{height}px",
+        data_spec=f"{name}.json",
+        role="img",
+        aria_label=description(drawing),
+    )
     # JSON with every '<' written as \\u003c cannot end the element.
     spec = Html(f'<script type="application/json" id="{name}.json">{figure_json(drawing.figure)}</script>')
-    return markup.element("div", *title, plot, spec, class_="card wide" if drawing.is_wide else "card")
+    return markup.element("figure", *title, plot, spec, class_="card wide" if drawing.is_wide else "card")
 
 
 def _footer(head: PageHead) -> Html:

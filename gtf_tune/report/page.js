@@ -1,48 +1,75 @@
 "use strict";
-(() => {
+(async () => {
   const plots = [...document.querySelectorAll(".plot")];
+  const darkColours = Object.entries(JSON.parse(document.getElementById("dark-colours").textContent));
+  const darkScheme = window.matchMedia("(prefers-color-scheme: dark)");
+  let isPrinting = false;
+
+  // plotly.js is packed, which makes the page a third as large.
+  const unpack = async (packed) => {
+    const bytes = Uint8Array.from(atob(packed), (character) => character.charCodeAt(0));
+    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
+  };
+  const library = document.getElementById("plotly");
+  if (!("DecompressionStream" in window)) {
+    document.getElementById("too-old").hidden = false;
+    return;
+  }
+  const script = document.createElement("script");
+  script.textContent = await unpack(library.textContent.trim());
+  library.replaceWith(script);
 
   const buttonsOfPlots = [["toImage", "zoom2d", "pan2d", "resetScale2d"]];
   const buttonsOfScenes = [["toImage", "orbitRotation", "pan3d", "resetCameraDefault3d"]];
 
-  const draw = (plot) => {
-    if (plot.dataset.drawn) return;
+  const specOf = (plot) => {
+    let text = document.getElementById(plot.dataset.spec).textContent;
+    if (darkScheme.matches && !isPrinting) {
+      darkColours.forEach(([light, dark]) => { text = text.replaceAll(`"${light}"`, `"${dark}"`); });
+    }
+    return JSON.parse(text);
+  };
+  const show = (plot) => {
     plot.dataset.drawn = "yes";
-    const spec = JSON.parse(document.getElementById(plot.dataset.spec).textContent);
-    Plotly.newPlot(plot, spec.data, { ...spec.layout, autosize: true }, {
+    const spec = specOf(plot);
+    return Plotly.react(plot, spec.data, { ...spec.layout, autosize: true }, {
       responsive: true,
       displaylogo: false,
-      displayModeBar: "hover",
+      displayModeBar: window.matchMedia("(min-width: 700px)").matches ? "hover" : false,
       modeBarButtons: spec.layout.scene ? buttonsOfScenes : buttonsOfPlots,
       toImageButtonOptions: { format: "svg", filename: plot.id },
     });
   };
+  const showOnce = (plot) => { if (!plot.dataset.drawn) show(plot); };
 
   const margin = 800;
   const isNear = (plot) => plot.getBoundingClientRect().top < window.innerHeight + margin;
-  plots.filter(isNear).forEach(draw);
-  if ("IntersectionObserver" in window) {
-    const observer = new IntersectionObserver(
-      (entries) => entries.filter((entry) => entry.isIntersecting).forEach((entry) => {
-        observer.unobserve(entry.target);
-        draw(entry.target);
-      }),
-      { rootMargin: `${margin}px` },
-    );
-    plots.forEach((plot) => observer.observe(plot));
-  } else {
-    plots.forEach(draw);
-  }
+  plots.filter(isNear).forEach(showOnce);
+  const observer = new IntersectionObserver(
+    (entries) => entries.filter((entry) => entry.isIntersecting).forEach((entry) => {
+      observer.unobserve(entry.target);
+      showOnce(entry.target);
+    }),
+    { rootMargin: `${margin}px` },
+  );
+  plots.forEach((plot) => observer.observe(plot));
+  darkScheme.addEventListener("change", () => plots.filter((plot) => plot.dataset.drawn).forEach(show));
+
   window.addEventListener("beforeprint", () => {
+    isPrinting = true;
     document.body.classList.add("printing");
     plots.forEach((plot) => {
-      draw(plot);
+      show(plot);
       Plotly.relayout(plot, { width: plot.clientWidth });
     });
   });
   window.addEventListener("afterprint", () => {
+    isPrinting = false;
     document.body.classList.remove("printing");
-    plots.forEach((plot) => Plotly.relayout(plot, { width: null, autosize: true }));
+    plots.forEach((plot) => {
+      show(plot);
+      Plotly.relayout(plot, { width: null, autosize: true });
+    });
   });
 
   document.querySelectorAll("button.copy").forEach((button) => {
@@ -50,12 +77,12 @@
       const code = button.closest("figure").querySelector("code");
       try {
         await navigator.clipboard.writeText(code.textContent);
-        button.textContent = "copied";
+        button.firstChild.textContent = "copied";
       } catch {
         window.getSelection().selectAllChildren(code);
-        button.textContent = "selected: press Ctrl-C";
+        button.firstChild.textContent = "selected: press Ctrl-C";
       }
-      setTimeout(() => { button.textContent = "copy"; }, 2000);
+      setTimeout(() => { button.firstChild.textContent = "copy"; }, 2000);
     });
   });
 })();

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from html import escape
 
 import numpy as np
-from plotly.colors import sample_colorscale
 
 from gtf_tune.display import sequence_unit, significant
 from gtf_tune.report.aligned_runs import AlignedRun, ConfigurationRuns, align_runs, known_errors
@@ -153,7 +152,7 @@ def _line(pixels: FloatArray) -> str:
 
 def _dots(pixels: FloatArray, shares: FloatArray) -> str:
     """Return the poses of one run, those of one colour in one path: lines of length 0 with round ends are dots."""
-    colours = sample_colorscale(theme.ERROR_SCALE, [level / (_LEVELS - 1) for level in range(_LEVELS)])
+    colours = theme.sampled(theme.ERROR_SCALE, [level / (_LEVELS - 1) for level in range(_LEVELS)])
     levels = (np.clip(np.nan_to_num(shares), 0, 1) * (_LEVELS - 1)).round().astype(int)
     paths = []
     for level in np.unique(levels):

@@ -33,15 +33,19 @@ def missing(sentence: str) -> Html:
     return paragraph(sentence, "missing")
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> Html:
-    """Return a table; columns whose name starts with '>' are aligned to the right; cells are plain texts or `cell`."""
+def table(columns: Sequence[str], rows: Iterable[Sequence[object]], label: str = "") -> Html:
+    """Return a table; columns whose name starts with '>' are aligned to the right; cells are plain texts or `cell`.
+
+    ``label`` is what a screen reader calls it.
+    """
     right = [name.startswith(">") for name in columns]
-    head = [_cell("th", text(name.removeprefix(">")), right[index]) for index, name in enumerate(columns)]
+    head = [_cell("th", _column(name.removeprefix(">")), right[index]) for index, name in enumerate(columns)]
     body = [
         element("tr", *(_cell("td", _content(value), right[index]) for index, value in enumerate(row))) for row in rows
     ]
     inner = element("table", element("thead", element("tr", *head)), element("tbody", *body))
-    return element("div", inner, class_="table")
+    # What scrolls must be reachable by the keyboard.
+    return element("div", inner, class_="table", tabindex="0", role="group", aria_label=label or "Table")
 
 
 class Marked(str):
@@ -62,7 +66,9 @@ def code(words: str) -> Html:
 
 def snippet(label: str, words: str) -> Html:
     """Return a block of code under its label, with a button that copies it."""
-    button = element("button", text("copy"), type="button", class_="copy")
+    for_screen_readers = element("span", text(f" {label}"), class_="unseen")
+    words_ = element("span", text("copy"))
+    button = element("button", words_, for_screen_readers, type="button", class_="copy", aria_live="polite")
     head = element("figcaption", text(label), button)
     return element("figure", head, element("pre", element("code", text(words))), class_="snippet")
 
@@ -72,9 +78,16 @@ def folded(summary: str, *content: Html) -> Html:
     return element("details", element("summary", text(summary)), *content)
 
 
+def _column(name: str) -> Html:
+    """Return the head of a column, its unit in brackets on a line of its own."""
+    words, bracket, unit = name.partition(" [")
+    return Html(text(words) + element("small", text(f"[{unit}"))) if bracket else text(name)
+
+
 def _content(value: object) -> Html:
     return Html(value) if isinstance(value, Marked) else text(value)
 
 
 def _cell(tag: str, content: Html, is_right: bool) -> Html:
-    return element(tag, content, **({"class_": "number"} if is_right else {}))
+    scope = {"scope": "col"} if tag == "th" else {}
+    return element(tag, content, **scope, **({"class_": "number"} if is_right else {}))

@@ -1,8 +1,14 @@
 """Colours, fonts and the layout that all figures share."""
 
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import plotly.graph_objects as go
+from plotly.colors import sample_colorscale
+
+Scale = tuple[tuple[float, str], ...]
+"""Colours at shares from 0 to 1."""
 
 # The colours of the paper's figures.
 GTF = "rgb(187,136,187)"
@@ -12,19 +18,37 @@ REPROJECTION = "rgb(229,126,0)"
 GTF_DARK = "rgb(140,80,140)"
 GTF_BAND = "rgba(187,136,187,0.25)"
 INK = "#1f2933"
-FAINT = "#7b8794"
+FAINT = "#66727f"
 GRID = "#e4e7eb"
+LINE = "#9aa5b1"
 WRONG = "#c0392b"
+PAPER = "white"
+
+DARK: Mapping[str, str] = MappingProxyType(
+    {
+        GTF_DARK: "rgb(217,169,217)",
+        NOMINAL: "rgb(94,170,222)",
+        GROUND_TRUTH: "rgb(79,191,128)",
+        INK: "#e6ebf0",
+        FAINT: "#9aa7b4",
+        GRID: "#333d48",
+        LINE: "#66727f",
+        WRONG: "#f07565",
+        PAPER: "#1b222a",
+    }
+)
+"""What the colours of figures become where the reader prefers dark pages."""
 FONT = "Inter, 'Helvetica Neue', Helvetica, Arial, sans-serif"
-ERROR_SCALE = "Plasma"
+ERROR_SCALE: Scale = ((0.0, "rgb(58,112,176)"), (0.5, "rgb(226,178,70)"), (1.0, "rgb(192,57,43)"))
+"""From small errors to large ones; every colour is visible on white and on dark paper."""
 HEIGHT_PX = 400
 _TITLE_PX = 34
 _AXIS = {
     "gridcolor": GRID,
-    "linecolor": "#9aa5b1",
+    "linecolor": LINE,
     "showline": True,
     "ticks": "outside",
-    "tickcolor": "#9aa5b1",
+    "tickcolor": LINE,
     "zeroline": False,
     "automargin": True,
 }
@@ -40,9 +64,14 @@ def figure(height: int = HEIGHT_PX, **layout: Any) -> go.Figure:
             "template": {},
             "height": height,
             "font": {"family": FONT, "size": 13, "color": INK},
-            "paper_bgcolor": "white",
-            "plot_bgcolor": "white",
-            "hoverlabel": {"bgcolor": "white", "font": {"size": 12, "family": FONT}, "align": "left"},
+            "paper_bgcolor": PAPER,
+            "plot_bgcolor": PAPER,
+            "hoverlabel": {
+                "bgcolor": PAPER,
+                "bordercolor": LINE,
+                "font": {"size": 12, "family": FONT},
+                "align": "left",
+            },
             **layout,
             "margin": {**_MARGIN, **layout.get("margin", {})},
             "legend": {**_LEGEND, **layout.get("legend", {})},
@@ -53,6 +82,31 @@ def figure(height: int = HEIGHT_PX, **layout: Any) -> go.Figure:
 def axis(title: str = "", **settings: Any) -> dict[str, Any]:
     """Return the settings of one axis."""
     return {**_AXIS, "title": {"text": title, "standoff": 8, "font": {"size": 13}}, **settings}
+
+
+def colour_bar(title: str, **settings: Any) -> dict[str, Any]:
+    """Return a colour bar below a figure, where it meets neither the toolbar nor the data."""
+    return {
+        "title": {"text": title, "side": "right", "font": {"size": 12}},
+        "orientation": "h",
+        "x": 0,
+        "xanchor": "left",
+        "yref": "container",
+        "y": 0,
+        "yanchor": "bottom",
+        "len": 400,
+        "lenmode": "pixels",
+        "thickness": 12,
+        "outlinewidth": 0,
+        **settings,
+    }
+
+
+def sampled(scale: Scale, shares: Sequence[float]) -> list[str]:
+    """Return the colours of a scale at shares from 0 to 1; those outside take the colour of the end."""
+    inside = [min(max(share, 0.0), 1.0) for share in shares]
+    colours: list[str] = sample_colorscale([list(stop) for stop in scale], inside)
+    return colours
 
 
 def titled(drawn: go.Figure, title: str) -> go.Figure:

@@ -12,6 +12,7 @@ from gtf_tune.display import significant
 from gtf_tune.report.drawing import markup, theme
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
 from gtf_tune.report.points import PointSet, TrialPoint, point_sets
+from gtf_tune.report.study_data import StudyData
 from gtf_tune.trajectory import FloatArray
 
 _FEWEST = 3
@@ -67,7 +68,7 @@ def agreement_figure(found: Agreement, labels: tuple[str, str], colour: str) -> 
     types = ["log" if is_log else "linear" for is_log in found.is_log]
     drawn.update_layout(
         showlegend=False,
-        margin={"t": 15},
+        margin={"t": 34},
         xaxis=theme.axis(labels[0], type=types[0], **({"dtick": 1} if types[0] == "log" else {})),
         yaxis=theme.axis(labels[1], type=types[1], **({"dtick": 1} if types[1] == "log" else {})),
     )
@@ -88,7 +89,7 @@ def agreement_figure(found: Agreement, labels: tuple[str, str], colour: str) -> 
         marker={
             "color": [theme.NOMINAL if number == 0 else colour for number in found.numbers],
             "size": [11 if number == 0 else 8 for number in found.numbers],
-            "line": {"color": "white", "width": 1},
+            "line": {"color": theme.PAPER, "width": 1},
         },
         hovertext=[_text(found, index, labels) for index in range(len(found.numbers))],
         hoverinfo="text",
@@ -105,11 +106,11 @@ def merit_text(found: Agreement) -> str:
 
 def agreement_panel(report: ReportInput) -> list[Block]:
     """Return the score and the reprojection error against ground truth and against each other, as far as known."""
+    if not report.data.validations:
+        return [markup.missing("Unknown: the study has no ground truth to compare the score with.")]
     blocks: list[Block] = []
     for points in point_sets(report.data):
         blocks.extend(_agreements(points, is_one_of_several=report.data.has_several_sequences))
-    if not report.data.validations:
-        blocks.insert(0, markup.missing("The study has no ground truth, so the score cannot be compared with it."))
     return blocks
 
 
@@ -166,8 +167,10 @@ def _reprojection(point: TrialPoint) -> float:
     return point.reprojection_px
 
 
-PANEL = Panel(
-    "Does the score tell the truth?",
-    agreement_panel,
-    ("One point per feasible trial; the error against ground truth is in the unit of the ground truth (GT unit)."),
-)
+def _lead(data: StudyData) -> str:
+    if not data.validations:
+        return ""
+    return "One point per feasible trial. A good score orders the trials as their true errors do (Spearman near 1)."
+
+
+PANEL = Panel("Does the score tell the truth?", agreement_panel, _lead)

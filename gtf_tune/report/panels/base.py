@@ -52,8 +52,15 @@ class ReportInput:
 
 @dataclass(frozen=True)
 class Panel:
-    """One part of a report: its title, a sentence under it, and the function that makes its content."""
+    """One part of a report: its title, the function that makes its content, and a sentence under the title.
+
+    ``text`` is a function where the sentence depends on the study.
+    """
 
     title: str
     blocks: Callable[[ReportInput], list[Block]]
-    text: str = ""
+    text: str | Callable[[StudyData], str] = ""
+
+    def text_for(self, data: StudyData) -> str:
+        """Return the sentence under the title."""
+        return self.text if isinstance(self.text, str) else self.text(data)

@@ -133,7 +133,7 @@ def stage_figure(stages: Sequence[StageCost]) -> go.Figure:
             y=["time"],
             orientation="h",
             name=stage.stage,
-            marker={"color": _STAGE_COLOURS[number % len(_STAGE_COLOURS)], "line": {"color": "white", "width": 1}},
+            marker={"color": _STAGE_COLOURS[number % len(_STAGE_COLOURS)], "line": {"color": theme.PAPER, "width": 1}},
             text=[stage.stage if stage.share > 0.07 else ""],
             textposition="inside",
             insidetextanchor="middle",

@@ -14,7 +14,7 @@ from gtf_tune.report.points import SequenceDetail, sequence_detail
 from gtf_tune.report.verdict import compared_trials
 
 _ROW_PX = 34
-_SURROUNDINGS_PX = 100
+_SURROUNDINGS_PX = 160
 _MOST_LABELLED = 400
 
 
@@ -44,13 +44,9 @@ def matrix_figure(detail: SequenceDetail, unit: ScoreUnit, colours: tuple[float,
         hovertext=[[_hover(detail, values, i, j, unit) for j in range(columns)] for i in range(rows)],
         hoverinfo="text",
         hoverongaps=True,
-        colorbar={
-            "title": {"text": unit.symbol, "side": "right", "font": {"size": 12}},
-            "tickvals": ticks,
-            "ticktext": [significant(10**tick, 2) for tick in ticks],
-            "thickness": 12,
-            "outlinewidth": 0,
-        },
+        colorbar=theme.colour_bar(
+            f"error [{unit.symbol}]", tickvals=ticks, ticktext=[significant(10**tick, 2) for tick in ticks]
+        ),
     )
     drawn.update_layout(
         xaxis=theme.axis(
@@ -60,7 +56,7 @@ def matrix_figure(detail: SequenceDetail, unit: ScoreUnit, colours: tuple[float,
             showgrid=False,
         ),
         yaxis=theme.axis("clean run", tickvals=list(range(rows)), autorange="reversed", showgrid=False),
-        margin={"t": 12},
+        margin={"t": 34, "b": 95},
     )
     return drawn
 

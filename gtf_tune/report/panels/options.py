@@ -110,7 +110,7 @@ def option_figure(curve: OptionCurve, points: PointSet) -> go.Figure:
     """Return the figure of one option: score with interval in pink, ground truth in green, nominal in blue."""
     drawn = theme.figure(
         height=430,
-        margin={"l": 60, "r": 75, "t": 20, "b": 120},
+        margin={"l": 60, "r": 75 if points.has_ground_truth else 30, "t": 34, "b": 120},
         legend={"y": -0.3, "yanchor": "top", "traceorder": "normal"},
         xaxis=option_axis_layout(curve.axis),
         yaxis=score_axis_layout(curve.points, points),
@@ -199,7 +199,7 @@ class _Canvas:
             up = [_high(point) - point.value for point in self.curve.points]
             down = [point.value - _low(point) for point in self.curve.points]
             bars = {"array": up, "arrayminus": down, "color": theme.GTF, "thickness": 0.8, "width": 0}
-        marker = {"color": theme.GTF, "size": 6 if self.is_crowded else 8, "line": {"color": "white", "width": 1}}
+        marker = {"color": theme.GTF, "size": 6 if self.is_crowded else 8, "line": {"color": theme.PAPER, "width": 1}}
         places, name = self._beside(-_BESIDE), self.points.unit.name
         self._add_marks(places, _score, "y", name=name, marker=marker, error_y=bars)
 
@@ -213,7 +213,7 @@ class _Canvas:
             return
         place, point = self.curve.places[index], self.curve.points[index]
         self.drawn.add_vline(x=place, line={"color": theme.NOMINAL, "width": 1.5, "dash": "dash"})
-        marker = {"color": theme.NOMINAL, "size": 11, "line": {"color": "white", "width": 1.5}}
+        marker = {"color": theme.NOMINAL, "size": 11, "line": {"color": theme.PAPER, "width": 1.5}}
         self._add_trials([(place, point)], _score, name=f"nominal: {self._value_at(index)}", marker=marker)
 
     def add_stars(self) -> None:
@@ -314,11 +314,12 @@ def _draw(data: StudyData, axis: OptionAxis, points: PointSet) -> object:
     return option_figure(curve, points)
 
 
-PANEL = Panel(
-    "Score over each option",
-    options_panel,
-    (
-        "Pink: the score without ground truth, with its 95 % interval. Green: the error against ground truth, "
-        "which the search never sees. Blue: the nominal options. Star: the trial to use."
-    ),
-)
+def _lead(data: StudyData) -> str:
+    green = " Green: the error against ground truth, which the search never sees." if data.validations else ""
+    return (
+        f"Pink: the score without ground truth, with its 95 % interval.{green} Blue: the nominal options. "
+        "Star: the trial to use."
+    )
+
+
+PANEL = Panel("Score over each option", options_panel, _lead)

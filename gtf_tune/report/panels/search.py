@@ -29,6 +29,7 @@ _STATES = (
     ("failed", theme.INK, "cross-thin"),
 )
 _FEWEST_FOR_IMPORTANCE = 8
+_BEST_TO_WORST: theme.Scale = ((0.0, "rgb(160,70,160)"), (1.0, "rgb(170,180,190)"))
 
 
 def optuna_copy(points: PointSet, axes: Sequence[OptionAxis]) -> optuna.Study:
@@ -74,18 +75,25 @@ def parallel_figure(study: optuna.Study, points: PointSet, options: Sequence[str
     """Return Optuna's parallel coordinates with whole option names; infeasible trials are dotted."""
     drawn = theme.restyled(
         optuna.visualization.plot_parallel_coordinate(study, target_name=points.unit.label),
-        430,
+        440,
     )
+    for trace in drawn.data:
+        if trace.mode == "lines" and trace.y is not None and trace.y[0] is not None:
+            trace.line.color = theme.sampled(_BEST_TO_WORST, [float(trace.y[0])])[0]
+        elif trace.marker.colorbar.title.text:
+            trace.marker.update(
+                colorscale=_BEST_TO_WORST, reversescale=False, colorbar=theme.colour_bar(points.unit.label)
+            )
     labels = [points.unit.name, *(_folded(option) for option in sorted(options))]
     drawn.update_layout(
         xaxis={**theme.axis(), "ticktext": labels, "showgrid": False, "showline": False, "ticks": ""},
-        margin={"l": 70, "t": 50, "b": 75},
+        margin={"l": 70, "t": 40, "b": 110},
     )
     return drawn
 
 
 def importance_figure(study: optuna.Study) -> go.Figure:
-    """Return Optuna's importances by PED-ANOVA: which options decide whether a setting is among the best.
+    """Return Optuna's importances by PED-ANOVA: which options decide whether a configuration is among the best.
 
     Raises
     ------
@@ -97,13 +105,13 @@ def importance_figure(study: optuna.Study) -> go.Figure:
         evaluator = PedAnovaImportanceEvaluator()
         drawn = optuna.visualization.plot_param_importances(study, evaluator=evaluator)
     names = len(study.best_trial.params)
-    styled = theme.restyled(drawn, 90 + 34 * names)
+    styled = theme.restyled(drawn, 114 + 34 * names)
     styled.update_traces(marker_color=theme.GTF, hoverinfo="x+y", hovertemplate=None)
     styled.update_layout(
         showlegend=False,
         xaxis=theme.axis("share of the importance"),
         yaxis=theme.axis("", showgrid=False),
-        margin={"r": 60, "t": 10},
+        margin={"r": 60, "t": 34},
     )
     return styled
 
@@ -116,7 +124,7 @@ def search_panel(report: ReportInput) -> list[Block]:
     study = optuna_copy(points, axes)
     blocks: list[Block] = [Drawing("history", "Optimisation history", history_figure(study, points), is_wide=True)]
     if len(axes) == 1:
-        return [*blocks, markup.missing("The study searches one option, so there is nothing to rank or to combine.")]
+        return [*blocks, markup.missing("The study searches one option, so there is nothing to rank.")]
     names = [axis.option for axis in axes]
     drawn = parallel_figure(study, points, names)
     blocks.append(Drawing("parallel coordinates", "Parallel coordinates", drawn, is_wide=True))
@@ -160,7 +168,7 @@ def _without_messages() -> Iterator[None]:
 
 
 def _history_styles(points: PointSet) -> list[tuple[str, dict[str, object]]]:
-    marker = {"color": theme.GTF, "size": 7, "line": {"color": "white", "width": 1}}
+    marker = {"color": theme.GTF, "size": 7, "line": {"color": theme.PAPER, "width": 1}}
     line = {"color": theme.GTF_DARK, "width": 2, "shape": "hv"}
     return [(points.unit.name, {"marker": marker}), ("lowest so far", {"line": line, "mode": "lines"})]
 

@@ -10,10 +10,15 @@ from gtf_tune.display import significant
 from gtf_tune.report.aligned_runs import AlignedRun, align_runs, in_one_frame, known_errors
 from gtf_tune.report.drawing import markup, theme
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
+from gtf_tune.report.study_data import StudyData
+from gtf_tune.report.verdict import compared_trials
 
 _HIGHEST_PERCENTILE = 98
-_MARKER_PX = 4
-_WIDTH_PX, _SURROUNDINGS_PX, _LOWEST_PX, _HIGHEST_PX = 430, 90, 200, 460
+_MARKER_PX = 6
+_WIDE_ASPECT = 0.5
+_WIDE_PX, _HALF_PX = 1100, 520
+_SURROUNDINGS_PX, _LOWEST_PX, _HIGHEST_PX = 135, 250, 640
+_SCENE_PX = 500
 _SIDE = {"title": {"text": ""}, "gridcolor": theme.GRID, "showbackground": False, "zeroline": False, "nticks": 5}
 _LABELLED_SHARE = 0.25
 _EYE = {"x": 0.6, "y": -0.85, "z": 0.6}
@@ -30,7 +35,7 @@ def error_range(configurations: Sequence[Sequence[AlignedRun]]) -> tuple[float, 
 
 def scene_figure(runs: Sequence[AlignedRun], colours: tuple[float, float]) -> go.Figure:
     """Return the runs in 3-D, in units of the extent."""
-    drawn = theme.figure(height=430)
+    drawn = theme.figure(height=_SCENE_PX)
     for run in (run for run in runs if run.kind == "clean"):
         x, y, z = run.positions.T
         drawn.add_scatter3d(x=x, y=y, z=z, mode="lines", line=_CLEAN, **_clean_words(run))
@@ -43,7 +48,7 @@ def scene_figure(runs: Sequence[AlignedRun], colours: tuple[float, float]) -> go
     sides = {f"{name}axis": {**_SIDE, "showticklabels": share > _LABELLED_SHARE} for name, share in proportions.items()}
     drawn.update_layout(
         showlegend=False,
-        margin={"l": 0, "r": 0, "t": 5, "b": 5},
+        margin={"l": 20, "r": 0, "t": 30, "b": 70},
         scene={**sides, "aspectmode": "manual", "aspectratio": proportions, "camera": {"eye": _EYE}},
     )
     return drawn
@@ -51,8 +56,7 @@ def scene_figure(runs: Sequence[AlignedRun], colours: tuple[float, float]) -> go
 
 def top_figure(runs: Sequence[AlignedRun], colours: tuple[float, float]) -> go.Figure:
     """Return the runs seen along the direction in which the camera moved least, in units of the extent."""
-    proportions = _proportions(runs)
-    drawn = theme.figure(height=_height(proportions["y"] / proportions["x"]))
+    drawn = theme.figure(height=_height(_aspect(runs)))
     for run in (run for run in runs if run.kind == "clean"):
         drawn.add_scatter(x=run.positions[:, 0], y=run.positions[:, 1], mode="lines", line=_CLEAN, **_clean_words(run))
     noisy = [run for run in runs if run.kind == "noisy"]
@@ -63,7 +67,7 @@ def top_figure(runs: Sequence[AlignedRun], colours: tuple[float, float]) -> go.F
         )
     drawn.update_layout(
         showlegend=False,
-        margin={"t": 15},
+        margin={"t": 34, "b": 95},
         xaxis=theme.axis("extents", constrain="domain"),
         yaxis=theme.axis("extents", scaleanchor="x", constrain="domain"),
     )
@@ -80,11 +84,13 @@ def trajectories_panel(report: ReportInput) -> list[Block]:
             continue
         thinned = [tuple(run.thinned(report.lengths.trajectory_points) for run in runs) for runs in aligned]
         colours = error_range(aligned)
+        is_long = all(_aspect(runs) < _WIDE_ASPECT for runs in aligned)
         drawers = [("top view", top_figure), *([("3-D", scene_figure)] if number < _MOST_SCENES else [])]
         for words, draw in drawers:
             for configuration, runs in zip(configurations, thinned, strict=True):
                 title = f"{sequence}, {configuration.title}: {words}"
-                blocks.append(Drawing(f"{words} {sequence} {configuration.title}", title, draw(runs, colours)))
+                name, is_wide = f"{words} {sequence} {configuration.title}", draw is top_figure and is_long
+                blocks.append(Drawing(name, title, draw(runs, colours), is_wide))
     return blocks or [markup.missing("No run has finished yet, so there is no trajectory to draw.")]
 
 
@@ -96,25 +102,26 @@ def _proportions(runs: Sequence[AlignedRun]) -> dict[str, float]:
     return {name: max(float(side) / longest, 0.05) for name, side in zip("xyz", sides, strict=True)}
 
 
+def _aspect(runs: Sequence[AlignedRun]) -> float:
+    """Return height / width of the runs seen from the top."""
+    proportions = _proportions(runs)
+    return proportions["y"] / proportions["x"]
+
+
 def _height(aspect: float) -> int:
     """Return a height in pixels that leaves little white around a drawing whose height / width is ``aspect``."""
-    return int(min(max(_WIDTH_PX * aspect + _SURROUNDINGS_PX, _LOWEST_PX), _HIGHEST_PX))
+    width = _WIDE_PX if aspect < _WIDE_ASPECT else _HALF_PX
+    return int(min(max(width * aspect + _SURROUNDINGS_PX, _LOWEST_PX), _HIGHEST_PX))
 
 
 def _colours(run: AlignedRun, colours: tuple[float, float], *, is_last: bool) -> dict[str, Any]:
-    bar = {
-        "title": {"text": "‰ of extent", "side": "right", "font": {"size": 12}},
-        "thickness": 12,
-        "outlinewidth": 0,
-        "len": 0.8,
-    }
     return {
         "color": run.errors,
         "cmin": colours[0],
         "cmax": colours[1],
         "colorscale": theme.ERROR_SCALE,
         "showscale": is_last,
-        **({"colorbar": bar} if is_last else {}),
+        **({"colorbar": theme.colour_bar("moved by [‰ of extent]")} if is_last else {}),
     }
 
 
@@ -130,11 +137,12 @@ def _noisy_words(run: AlignedRun) -> dict[str, Any]:
     return {"name": f"noisy run {run.index}", "hovertext": texts, "hoverinfo": "text"}
 
 
-PANEL = Panel(
-    "Trajectories",
-    trajectories_panel,
-    (
-        "All runs of the nominal options and of the recommended ones (of the best so far before a confirmation), "
-        "aligned to the first clean run of each; colour is the distance between noisy and clean positions."
-    ),
-)
+def _lead(data: StudyData) -> str:
+    names = [f"trial {number} ({name})" for name, number in compared_trials(data)]
+    return (
+        f"All runs of {' and of '.join(names)}, aligned to the first clean run of each. Lines are clean runs; "
+        "dots are noisy runs, coloured by their distance from the clean ones."
+    )
+
+
+PANEL = Panel("Trajectories", trajectories_panel, _lead)

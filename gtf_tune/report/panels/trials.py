@@ -31,10 +31,11 @@ def _rank(point: TrialPoint) -> tuple[int, float, int]:
 
 
 def _trial_table(points: PointSet, rows: list[TrialPoint], data: StudyData) -> Html:
-    columns = [">trial", "state", f">{points.unit.label}", ">95 % interval", ">change in the search", ">95 % interval"]
-    columns += [*([f">{points.truth_label}"] if points.has_ground_truth else []), ">coverage", ">collapsed", ">time"]
-    columns += [f">{option.rpartition('.')[2]}" for option in data.definition.space]
-    return markup.table(columns, [_trial_row(point, points, data) for point in rows])
+    columns = [">trial", "state", *(f">{option.rpartition('.')[2]}" for option in data.definition.space)]
+    columns += [f">{points.unit.label}", ">95 % interval", ">change in the search", ">95 % interval"]
+    columns += [*([f">{points.truth_label}"] if points.has_ground_truth else [])]
+    columns += [">registered frames", ">diverged", ">time"]
+    return markup.table(columns, [_trial_row(point, points, data) for point in rows], "Trials")
 
 
 def _trial_row(point: TrialPoint, points: PointSet, data: StudyData) -> list[object]:
@@ -42,6 +43,7 @@ def _trial_row(point: TrialPoint, points: PointSet, data: StudyData) -> list[obj
     return [
         _trial_name(point.number, data),
         _state_cell(point),
+        *(value_text(point.options[name]) if name in point.options else "-" for name in data.definition.space),
         significant(point.value),
         interval(point.low, point.high),
         improvement.change,
@@ -50,7 +52,6 @@ def _trial_row(point: TrialPoint, points: PointSet, data: StudyData) -> list[obj
         share(point.coverage),
         share(point.collapsed),
         duration(point.wall_s),
-        *(value_text(point.options[name]) if name in point.options else "-" for name in data.definition.space),
     ]
 
 
