@@ -150,7 +150,7 @@ def _figure(drawing: Drawing) -> Html:
         class_="plot",
         style=f"height:{height}px",
         data_spec=f"{name}.json",
-        role="img",
+        role="group",
         aria_label=description(drawing),
     )
     # JSON with every '<' written as \\u003c cannot end the element.

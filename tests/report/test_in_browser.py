@@ -1,10 +1,12 @@
 """Look at the report and at optuna-dashboard as a person does, in a real browser."""
 
+import json
 import re
 import shutil
 import subprocess
 import threading
 from collections.abc import Callable, Iterator
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -29,6 +31,20 @@ QUIET = [
     "--disable-sync",
 ]
 
+DARK = "--force-dark-mode"
+AXE = Path(__file__).parents[2] / "node_modules" / "axe-core" / "axe.min.js"
+RUN_AXE = """
+addEventListener("load", () => setTimeout(async () => {
+  const found = await axe.run();
+  const result = document.createElement("pre");
+  result.id = "axe-result";
+  result.textContent = JSON.stringify(found.violations.map(
+    (fault) => [fault.impact, fault.id, fault.nodes.map((node) => node.target.join(" "))]
+  ));
+  document.body.append(result);
+}, 8000));
+"""
+
 Load = Callable[[str], str]
 
 
@@ -41,16 +57,17 @@ def chromium() -> str:
     return found
 
 
+def content(chromium: str, folder: Path, url: str, *flags: str, width: int = 1400) -> str:
+    """Load a page, let its scripts run and return its content then."""
+    command = [chromium, *QUIET, *flags, f"--user-data-dir={folder / 'profile'}", f"--window-size={width},12000"]
+    command += ["--virtual-time-budget=20000", "--dump-dom", url]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
+
+
 @pytest.fixture
 def load(chromium: str, tmp_path: Path) -> Load:
-    """Return a function that loads a page, lets its scripts run and returns what stands in it then."""
-
-    def load(url: str) -> str:
-        command = [chromium, *QUIET, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1400,9000"]
-        command += ["--virtual-time-budget=20000", "--dump-dom", url]
-        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
-
-    return load
+    """Return a function that loads a page and returns its content."""
+    return lambda url: content(chromium, tmp_path, url)
 
 
 @pytest.fixture
@@ -67,17 +84,43 @@ def dashboard(own_database: Database) -> Iterator[str]:
         thread.join()
 
 
-def test_every_figure_of_the_report_is_drawn(database: Database, load: Load, tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
-    write_report(path, database, "synthetic", ReportDefinition())
+@pytest.fixture(scope="module", params=[(1400, ()), (500, (DARK,))], ids=["wide", "narrow and dark"])
+def shown(
+    request: pytest.FixtureRequest, database: Database, chromium: str, tmp_path_factory: pytest.TempPathFactory
+) -> str:
+    """Return the content of a report as a browser shows it, with the findings of axe-core if that is installed."""
+    width, flags = request.param
+    folder = tmp_path_factory.mktemp("report")
+    path = folder / "report.html"
+    write_report(path, database, "synthetic", ReportDefinition(), {"options.json": "{}"})
+    if AXE.exists():
+        script = f"<script>{AXE.read_text(encoding='utf-8')}\n{RUN_AXE}</script></body>"
+        path.write_text(path.read_text(encoding="utf-8").replace("</body>", script), encoding="utf-8")
+    return content(chromium, folder, path.as_uri(), *flags, width=width)
 
-    page = load(path.as_uri())
 
-    plots = page.count("data-spec=")
+def test_every_figure_of_the_report_is_drawn(shown: str) -> None:
+    plots = shown.count("data-spec=")
     assert plots >= 14
-    assert page.count('data-drawn="yes"') == plots
-    assert len(re.findall(r'<svg class="main-svg"', page)) >= plots
-    assert "best so far: 0.002" in page
+    assert shown.count('data-drawn="yes"') == plots
+    assert len(re.findall(r'<svg class="main-svg"', shown)) >= plots
+    assert "best so far: 0.002" in shown
+
+
+def test_figures_are_dark_on_dark_pages_only(shown: str, request: pytest.FixtureRequest) -> None:
+    is_dark = "dark]" in request.node.name
+
+    assert ("fill: rgb(27, 34, 42)" in shown) == is_dark
+
+
+def test_the_report_has_no_serious_fault_of_accessibility(shown: str) -> None:
+    if not AXE.exists():
+        pytest.skip("no axe-core here: npm install --no-save --prefix . axe-core@4")
+    found = re.search(r'<pre id="axe-result">(.*?)</pre>', shown, flags=re.DOTALL)
+
+    assert found is not None
+    violations = json.loads(unescape(found.group(1)))
+    assert [violation for violation in violations if violation[0] in ("serious", "critical")] == []
 
 
 def test_the_dashboard_shows_our_figures_and_values(dashboard: str, load: Load) -> None:

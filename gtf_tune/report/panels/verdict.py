@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 
-from gtf_tune.display import count, duration, percent, share, significant, value_text
+from gtf_tune.display import duration, percent, share, significant, value_text
 from gtf_tune.report.drawing import markup
 from gtf_tune.report.drawing.markup import Html
 from gtf_tune.report.panels.base import Block, Panel, ReportInput
@@ -11,7 +11,10 @@ from gtf_tune.report.panels.costs import StudyCost, study_cost
 from gtf_tune.report.points import PointSet, study_points
 from gtf_tune.report.study_data import StudyData
 from gtf_tune.report.verdict import OptionChange, VerdictFacts, verdict_facts
-from gtf_tune.study.outcome.verdict import Verdict
+from gtf_tune.study.outcome.improvement import Improvement
+from gtf_tune.study.outcome.verdict import Candidate, Verdict
+
+_MOST_CHANGES = 4
 
 
 def verdict_panel(report: ReportInput) -> list[Block]:
@@ -19,19 +22,23 @@ def verdict_panel(report: ReportInput) -> list[Block]:
     data = report.data
     facts = verdict_facts(data)
     found = facts.recommendation
-    headline = markup.element("h3", markup.text(found.headline))
-    sentences = [markup.paragraph(sentence) for sentence in verdict_sentences(data, facts)]
-    kind = found.decision.replace(" ", "-")
-    blocks: list[Html] = [markup.element("div", headline, *sentences, class_=f"verdict {kind}")]
-    blocks.append(_key_numbers(data, facts, study_cost(data)))
-    if facts.changes and found.trial is not None:
-        blocks.append(_changes(facts.changes, found.trial.number))
+    blocks: list[Html] = [_headline(data, facts), _key_numbers(data, facts, study_cost(data))]
+    if found.trial is not None and facts.changes and len(_changed(facts)) not in (len(facts.changes), 0):
+        blocks.append(_option_table(facts.changes, found.trial.number))
     if data.verdict is not None and data.verdict.candidates:
         blocks.append(_candidates(data.verdict))
     if report.snippets:
         snippets = (markup.snippet(label, words) for label, words in report.snippets.items())
         blocks.append(markup.element("div", *snippets, class_="snippets"))
     return [*blocks]
+
+
+def effect_sentence(improvement: Improvement) -> str:
+    """Return how much less the trajectory moves than with the nominal options; empty where that is unknown."""
+    if not improvement.is_known:
+        return ""
+    less = "less" if improvement.value >= 0 else "more"
+    return f"Under image noise the trajectory moves {abs(100 * improvement.value):.0f} % {less}."
 
 
 def verdict_sentences(data: StudyData, facts: VerdictFacts) -> list[str]:
@@ -61,6 +68,33 @@ def _next(data: StudyData, facts: VerdictFacts) -> list[str]:
     return ["Next: create a study whose nominal options work."] if step == "new study" else []
 
 
+def _headline(data: StudyData, facts: VerdictFacts) -> Html:
+    """Return what to do, what changes in values, how much less the trajectory moves, and why."""
+    found = facts.recommendation
+    parts = [markup.element("h3", markup.text(found.headline))]
+    changed = _changed(facts)
+    if changed:
+        lines = [markup.element("li", _change(change)) for change in changed[:_MOST_CHANGES]]
+        if len(changed) > _MOST_CHANGES:
+            lines.append(markup.element("li", markup.text(f"and {len(changed) - _MOST_CHANGES} more options")))
+        parts.append(markup.element("ul", *lines, class_="changes"))
+        effect = effect_sentence(found.improvement)
+        parts += [markup.paragraph(effect, "effect")] if effect else []
+    parts += [markup.paragraph(sentence) for sentence in verdict_sentences(data, facts)]
+    return markup.element("div", *parts, class_=f"verdict {found.decision.replace(' ', '-')}")
+
+
+def _changed(facts: VerdictFacts) -> list[OptionChange]:
+    return [change for change in facts.changes if change.chosen != change.nominal]
+
+
+def _change(change: OptionChange) -> Html:
+    before = "?" if change.nominal is None else value_text(change.nominal)
+    arrow = markup.element("span", markup.text(" → "), aria_label="becomes", role="img")
+    chosen = markup.element("strong", markup.text(value_text(change.chosen)))
+    return markup.joined([markup.code(change.option), markup.text(before), arrow, chosen])
+
+
 def _key_numbers(data: StudyData, facts: VerdictFacts, cost: StudyCost) -> Html:
     found, trial = study_points(data), facts.recommendation.trial
     points, unit = {point.number: point for point in found.points}, found.unit
@@ -76,9 +110,8 @@ def _key_numbers(data: StudyData, facts: VerdictFacts, cost: StudyCost) -> Html:
             shown.append(("against ground truth", percent(facts.ground_truth), "never seen by the search"))
     shown.append(("trials", str(len(data.trials)), _states(found)))
     shown.append(("runs", str(cost.made), f"{cost.reused} more reused, {cost.failed} failed"))
-    shown.append(("computing time", duration(cost.compute_s), f"{duration(cost.elapsed_s)} elapsed"))
-    if cost.confirmation_runs:
-        shown.append(("confirmation", duration(cost.confirmation_s), count(cost.confirmation_runs, "run")))
+    confirming = f", {duration(cost.confirmation_s)} more to confirm" if cost.confirmation_runs else ""
+    shown.append(("computing time", duration(cost.compute_s), f"{duration(cost.elapsed_s)} elapsed{confirming}"))
     return markup.element("div", *(_fact(*fact) for fact in shown), class_="facts")
 
 
@@ -92,7 +125,7 @@ def _fact(name: str, value: str, note: str) -> Html:
     return markup.element("div", *(markup.element("span", markup.text(word), class_=kind) for kind, word in parts))
 
 
-def _changes(changes: tuple[OptionChange, ...], number: int) -> Html:
+def _option_table(changes: tuple[OptionChange, ...], number: int) -> Html:
     rows = [
         (
             markup.cell(markup.code(change.option)),
@@ -103,7 +136,7 @@ def _changes(changes: tuple[OptionChange, ...], number: int) -> Html:
         )
         for change in changes
     ]
-    return markup.table(["option", ">nominal", f">trial {number}"], rows)
+    return markup.table(["option", ">nominal", f">trial {number}"], rows, "Options")
 
 
 def _candidates(verdict: Verdict) -> Html:
@@ -114,18 +147,19 @@ def _candidates(verdict: Verdict) -> Html:
             candidate.improvement.change,
             candidate.improvement.bounds,
             significant(candidate.adjusted_p_value, 2),
-            *(
-                candidate.by_sequence[name].improvement.change if name in candidate.by_sequence else "-"
-                for name in sequences
-            ),
+            *(_change_on(name, candidate) for name in sequences),
             "passes" if candidate.passes else "does not pass",
             "; ".join(candidate.reasons) or "-",
         )
         for candidate in verdict.candidates
     ]
     head = [">candidate", ">change", ">95 % interval", ">p (Holm)", *(f">on {name}" for name in sequences)]
-    title = markup.element("h4", markup.text("Confirmation on fresh noise"))
-    return markup.joined([title, markup.table([*head, "result", "against it"], rows)])
+    title = markup.element("h3", markup.text("Confirmation on fresh noise"))
+    return markup.joined([title, markup.table([*head, "result", "against it"], rows, "Confirmation")])
+
+
+def _change_on(sequence: str, candidate: Candidate) -> str:
+    return candidate.by_sequence[sequence].improvement.change if sequence in candidate.by_sequence else "-"
 
 
 PANEL = Panel("Verdict", verdict_panel)
