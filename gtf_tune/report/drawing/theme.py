@@ -94,7 +94,7 @@ def colour_bar(title: str, **settings: Any) -> dict[str, Any]:
         "yref": "container",
         "y": 0,
         "yanchor": "bottom",
-        "len": 400,
+        "len": 300,
         "lenmode": "pixels",
         "thickness": 12,
         "outlinewidth": 0,
