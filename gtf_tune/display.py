@@ -83,7 +83,7 @@ def nominal_text(definition: StudyDefinition) -> str:
 
 @dataclass(frozen=True)
 class ScoreUnit:
-    """Hold the name of a score, the factor from stored to shown values, and the shown unit, short and in words."""
+    """The name of a score, the factor from stored to shown values, and the shown unit, short and in words."""
 
     name: str
     factor: float

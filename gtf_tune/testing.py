@@ -33,7 +33,7 @@ _UNKNOWN = "no.such.option.anywhere"
 
 @dataclass(frozen=True)
 class ContractCase:
-    """Hold what the contract is tried on: a pipeline, a sequence that it can reconstruct, and options for the runs.
+    """What the contract is tried on: a pipeline, a sequence that it can reconstruct, and options for the runs.
 
     The sequence should be small: it is reconstructed from its pixels twice.
     """
@@ -89,7 +89,7 @@ class FolderStages:
 
 @dataclass(frozen=True)
 class ContractRuns:
-    """Hold the runs that most of the contract is read off: two from pixels, one from the stages of the second."""
+    """The runs that most of the contract is read off: two from pixels, one from the stages of the second."""
 
     first: PipelineOutput
     second: PipelineOutput

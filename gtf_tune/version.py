@@ -1,4 +1,4 @@
-"""Hold the version of the package, read from its metadata."""
+"""The version of the package, read from its metadata."""
 
 from importlib.metadata import version
 

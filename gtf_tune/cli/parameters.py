@@ -1,4 +1,4 @@
-"""Hold the flags that several commands share."""
+"""The flags that several commands share."""
 
 from pathlib import Path
 from typing import Annotated

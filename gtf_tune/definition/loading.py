@@ -25,7 +25,7 @@ def read_toml(path: Path, kind: str = "a study definition") -> dict[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise DefinitionError(f"{path}: cannot be read as text ({error}); give {kind} (TOML)") from error
     except tomllib.TOMLDecodeError as error:
-        raise DefinitionError(f"{path}: not valid TOML: {error}; mend that line") from error
+        raise DefinitionError(f"{path}: not valid TOML: {error}; correct that line") from error
 
 
 def load_definition(path: Path) -> StudyDefinition:

@@ -111,7 +111,7 @@ def _cpu_s(pid: int) -> float:
     total = 0.0
     with contextlib.suppress(psutil.Error):
         process = psutil.Process(pid) if pid else None
-        for one in [process, *process.children(recursive=True)] if process else []:
-            times = one.cpu_times()
+        for child in [process, *process.children(recursive=True)] if process else []:
+            times = child.cpu_times()
             total += times.user + times.system + times.children_user + times.children_system
     return total

@@ -20,7 +20,7 @@ def file_digest(path: Path) -> str:
         return _digest_of(path, status.st_size, status.st_mtime_ns)
     except OSError as error:
         raise DefinitionError(
-            f"{path} cannot be read ({error.strerror}), but results depend on it; mend its permissions or its path"
+            f"{path} cannot be read ({error.strerror}), but results depend on it; correct its permissions or its path"
         ) from error
 
 

@@ -46,7 +46,7 @@ def _accept_all(_: Mapping[str, OptionValue]) -> None:
 
 @dataclass(frozen=True)
 class OptionTable:
-    """Hold every option of a pipeline and check values against it.
+    """Every option of a pipeline, and the check of values against it.
 
     ``check_together`` receives values that are right one by one and raises `OptionError` where the program refuses them
     (COLMAP's own ``check()``).
@@ -81,7 +81,7 @@ class OptionTable:
         near = get_close_matches(name, self.specs, n=_SUGGESTIONS, cutoff=0.5)
         last = name.rsplit(".", 1)[-1]
         near += [known for known in self.specs if known.rsplit(".", 1)[-1] == last and known not in near][:_SUGGESTIONS]
-        hint = f"did you mean {' or '.join(repr(one) for one in near)}? " if near else ""
+        hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
         return (
             f"unknown option '{name}' for pipeline '{self.pipeline}'; {hint}"
             f"Run 'gtf-tune pipeline options {self.pipeline}'"

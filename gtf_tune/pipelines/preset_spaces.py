@@ -57,7 +57,7 @@ class PresetSpace:
 def preset_pipelines() -> list[str]:
     """Return the names of the pipelines that have a preset, sorted."""
     folder = files("gtf_tune.pipelines") / "spaces"
-    return sorted(one.name.removesuffix(".toml") for one in folder.iterdir() if one.name.endswith(".toml"))
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
 def preset_space(pipeline: str) -> PresetSpace:
@@ -77,9 +77,9 @@ def preset_space(pipeline: str) -> PresetSpace:
     data = tomllib.loads(text)
     return PresetSpace(
         pipeline,
-        tuple(_option(one) for one in data["options"]),
+        tuple(_option(entry) for entry in data["options"]),
         tuple(data.get("first", ())),
-        tuple(Baseline(one["name"], one["options"], one["source"]) for one in data.get("baselines", ())),
+        tuple(Baseline(entry["name"], entry["options"], entry["source"]) for entry in data.get("baselines", ())),
     )
 
 

@@ -265,7 +265,7 @@ def test_groups_without_a_value_are_left_out_and_lists_spread() -> None:
 
 
 def test_a_format_that_does_not_fit_is_a_reason() -> None:
-    with pytest.raises(RunError, match=r"the format '\.3f' does not fit 'a'; mend the placeholder"):
+    with pytest.raises(RunError, match=r"the format '\.3f' does not fit 'a'; correct the placeholder"):
         filled("{seed:.3f}", {"seed": "a"})
 
 

@@ -24,7 +24,7 @@ Side = Annotated[
 
 @dataclass(frozen=True)
 class TrueErrors:
-    """Hold the side metric of trials by their numbers and the names of sequences, and which metric it is."""
+    """The side metric of trials by their numbers and the names of sequences, and which metric it is."""
 
     side: "SideMetricDefinition"
     by_trial: Mapping[int, Mapping[str, float | None]]

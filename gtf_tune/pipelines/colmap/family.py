@@ -63,7 +63,7 @@ class PycolmapPipeline(ABC):
             models = self.map(staged)
         if not models:
             raise RunError(_no_model_reason(staged))
-        model = max(models, key=lambda one: one.num_reg_images())
+        model = max(models, key=lambda found: found.num_reg_images())
         timing = staged.clock.diagnostics((*_SHARED_STAGES, *self.own_stages(job)), always_run=("mapping",))
         return PipelineOutput(trajectory_of(model, job.images), {**_describe(model, len(models)), **timing})
 
@@ -120,7 +120,7 @@ def settings_of(pipeline: str, given: Mapping[str, object]) -> dict[str, str]:
 
 
 def _is_vocab_tree(path: Path) -> bool:
-    """Tell whether a file begins like a vocabulary tree that pycolmap can read: at any other, it aborts the process."""
+    """Return whether a file begins like a vocabulary tree of COLMAP 4: at any other, pycolmap aborts the process."""
     try:
         with path.open("rb") as file:
             head = file.read(_TREE_HEAD.size)
@@ -151,7 +151,9 @@ def trajectory_of(model: Any, images: ImageSource) -> Trajectory:
     RunError
         A pose is not finite.
     """
-    registered = {images.frame_id_of(model.images[one].name): model.images[one] for one in model.reg_image_ids()}
+    registered = {
+        images.frame_id_of(model.images[image_id].name): model.images[image_id] for image_id in model.reg_image_ids()
+    }
     frames = [frame for frame in images.sequence.frames if frame.frame_id in registered]
     poses = [registered[frame.frame_id].cam_from_world().inverse() for frame in frames]
     names = {images.frame_id_of(name): name for name in images.names}

@@ -57,7 +57,10 @@ def read_model(folder: Path, frames: Mapping[str, tuple[int, float]]) -> SparseM
         The model cannot be read, or holds images of other names.
     """
     model = _read(folder)
-    poses = {model.images[one].name: model.images[one].cam_from_world().inverse() for one in model.reg_image_ids()}
+    poses = {
+        model.images[image_id].name: model.images[image_id].cam_from_world().inverse()
+        for image_id in model.reg_image_ids()
+    }
     unknown = sorted(set(poses) - set(frames))
     if unknown:
         raise RunError(f"the model in {folder} holds image '{unknown[0]}', which is not among those reconstructed")
@@ -92,7 +95,9 @@ def transforms_json(folder: Path, images: Path) -> str:
     """
     model = _read(folder)
     frames = []
-    for image in sorted((model.images[one] for one in model.reg_image_ids()), key=lambda one: str(one.name)):
+    for image in sorted(
+        (model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image_id: str(image_id.name)
+    ):
         pose = np.vstack([image.cam_from_world().inverse().matrix(), [0.0, 0.0, 0.0, 1.0]]) @ _OPENGL_AXES
         frames.append({"file_path": str(images / image.name), "transform_matrix": pose.tolist()})
     camera = next(iter(model.cameras.values()))
@@ -103,7 +108,7 @@ def _intrinsics(camera: Any) -> dict[str, Any]:
     name = str(camera.model.name)
     if name not in _NERFSTUDIO_MODELS:
         raise RunError(f"nerfstudio knows no camera model like COLMAP's {name}")
-    given = zip((one.strip() for one in camera.params_info.split(",")), camera.params.tolist(), strict=True)
+    given = zip((name.strip() for name in camera.params_info.split(",")), camera.params.tolist(), strict=True)
     found = {_NERFSTUDIO_NAMES.get(key, key): float(value) for key, value in given}
     shared = found.pop("fl", None)
     if shared is not None:

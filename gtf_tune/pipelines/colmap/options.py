@@ -64,7 +64,7 @@ class _Leaf:
 
 @dataclass(frozen=True)
 class OptionObjects:
-    """Hold the option objects of one run, ready for use, and the values that they carry.
+    """The option objects of one run, ready for use, and the values that they carry.
 
     Objects belong to one run and are never shared. ``values[root]`` are the tunable values in force, defaults included,
     so that an explicit default and an absent option are the same thing.
@@ -79,7 +79,7 @@ class OptionObjects:
 
 @dataclass(frozen=True)
 class OptionTree:
-    """Hold every option of the pycolmap classes that a pipeline uses."""
+    """Every option of the pycolmap classes that a pipeline uses."""
 
     roots: Mapping[str, OptionRoot]
     leaves: Mapping[str, _Leaf] = field(repr=False)
@@ -105,8 +105,8 @@ class OptionTree:
     def build(self, values: Mapping[str, OptionValue], *, threads: int, seed: int) -> OptionObjects:
         """Return new option objects with the values set, on the CPU, with these threads and this seed everywhere."""
         objects = {name: root.create() for name, root in self.roots.items()}
-        for one in objects.values():
-            _set_run_fields(one, threads=threads, seed=seed)
+        for root in objects.values():
+            _set_run_fields(root, threads=threads, seed=seed)
         self._assign(objects, values)
         in_force: dict[str, dict[str, OptionValue]] = {name: {} for name in self.roots}
         for name, leaf in self.leaves.items():
@@ -190,7 +190,7 @@ def _is_run_field(name: str) -> bool:
 
 
 def _is_overwritten(root: OptionRoot, path: AttributePath) -> bool:
-    """Tell whether the owner's ``get_<child>()`` ignores a value that was set on the child."""
+    """Return whether the owner's ``get_<child>()`` ignores a value that was set on the child."""
     for depth in range(len(path) - 1):
         whole = root.create()
         owner, child = _owner_of(whole, path[: depth + 1])

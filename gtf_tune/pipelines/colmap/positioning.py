@@ -47,7 +47,7 @@ class SplitRefused(Exception):
 
 @dataclass(frozen=True)
 class _State:
-    """Hold a reconstruction after global positioning.
+    """A reconstruction after global positioning.
 
     ``quaternions`` (f, 4) xyzw and ``translations`` (f, 3) are rig_from_world of the frames ``frame_ids`` (f,).
     ``point_ids`` (p,) are in the order of the mapper's table, ``points`` (p, 3) in its world frame. ``track_ends`` (p,)
@@ -121,7 +121,7 @@ def _run(options: Any, database: Any, on_update: Callable[[Any], None]) -> list[
 
 
 def _read_state(model: Any) -> _State:
-    frames = [model.frames[one] for one in sorted(model.reg_frame_ids())]
+    frames = [model.frames[frame_id] for frame_id in sorted(model.reg_frame_ids())]
     points = list(model.points3D.items())
     tracks = [point.track.elements for _, point in points]
     return _State(
@@ -132,7 +132,7 @@ def _read_state(model: Any) -> _State:
         points=np.array([point.xyz for _, point in points]).reshape(-1, 3),
         track_ends=np.cumsum([len(track) for track in tracks], dtype=np.int64),
         observations=np.array(
-            [(one.image_id, one.point2D_idx) for track in tracks for one in track], dtype=np.int64
+            [(element.image_id, element.point2D_idx) for track in tracks for element in track], dtype=np.int64
         ).reshape(-1, 2),
     )
 

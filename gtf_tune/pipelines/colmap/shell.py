@@ -29,7 +29,7 @@ def colmap_shell_script(
     sets them too.
     """
     pairing = str(settings.get("pairing", "exhaustive"))
-    commands = [one for one in commands_of(pipeline, pairing) if one != _CALIBRATOR or photographs.camera is None]
+    commands = [name for name in commands_of(pipeline, pairing) if name != _CALIBRATOR or photographs.camera is None]
     flags: dict[str, list[str]] = {name: _paths(name, photographs) for name in commands}
     for flag, value in (*_camera(photographs, settings), *_matching(settings), *_options(pipeline, options)):
         command = command_of(pipeline, flag, pairing)

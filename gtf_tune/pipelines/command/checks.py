@@ -32,7 +32,7 @@ def read_command(data: Mapping[str, Any]) -> tuple[CommandDefinition, list[str]]
     try:
         definition = CommandDefinition.model_validate(data)
     except ValidationError as error:
-        return CommandDefinition(), list(dict.fromkeys(_sentence(one) for one in error.errors()))
+        return CommandDefinition(), list(dict.fromkeys(_sentence(fault) for fault in error.errors()))
     return definition, list(_faults(definition))
 
 

@@ -13,7 +13,7 @@ from gtf_tune.pipelines.options import OptionSpec, OptionTable, OptionValue
 
 @dataclass(frozen=True)
 class _Template:
-    """Hold a settings file that a definition names: its path, format and text."""
+    """A settings file that a definition names: its path, format and text."""
 
     path: Path
     form: str

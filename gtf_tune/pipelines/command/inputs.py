@@ -26,7 +26,7 @@ _PLAIN = ImagesDefinition()
 
 @dataclass(frozen=True)
 class RunInputs:
-    """Hold what was prepared for one run: the placeholders' values, the images' names, and all option values."""
+    """What was prepared for one run: the placeholders' values, the images' names, and all option values."""
 
     values: Mapping[str, Value]
     names: tuple[str, ...]

@@ -49,8 +49,8 @@ def _read(output: OutputDefinition, path: Path) -> Trajectory:
 
 def _largest_model(path: Path) -> Trajectory:
     """Return the model in a folder, or the one with most images among those in its folders."""
-    folders = [path, *sorted(one for one in path.iterdir() if one.is_dir())] if path.is_dir() else [path]
-    models = [one for one in folders if one.is_file() or any((one / name).exists() for name in _MODEL_FILES)]
+    folders = [path, *sorted(place for place in path.iterdir() if place.is_dir())] if path.is_dir() else [path]
+    models = [place for place in folders if place.is_file() or any((place / name).exists() for name in _MODEL_FILES)]
     if not models:
         raise TrajectoryError("expected a COLMAP model, but the program found none")
     return max((read_trajectory(model, "colmap") for model in models), key=len)

@@ -30,7 +30,7 @@ class CommandPipeline:
 
     @property
     def reads_times(self) -> bool:
-        """Tell whether results depend on the times of frames: the program is given them, or tells its poses by them."""
+        """Return whether results depend on the times of frames: the program reads them, or its poses have them."""
         definition = self.command.definition
         named = {name for _, template, _ in templates_of(definition) for name, _ in fields_of(template)}
         return definition.output.association == "timestamp" or not TIME_FIELDS.isdisjoint(named)

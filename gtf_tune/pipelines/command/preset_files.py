@@ -12,7 +12,7 @@ _SUFFIX = ".toml"
 def preset_names() -> tuple[str, ...]:
     """Return the names of all presets, sorted."""
     folder = files("gtf_tune.pipelines.command") / "presets"
-    return tuple(sorted(one.name.removesuffix(_SUFFIX) for one in folder.iterdir() if one.name.endswith(_SUFFIX)))
+    return tuple(sorted(file.name.removesuffix(_SUFFIX) for file in folder.iterdir() if file.name.endswith(_SUFFIX)))
 
 
 def load_preset(name: str) -> dict[str, Any]:

@@ -86,12 +86,12 @@ def _asked_version(definition: CommandDefinition, parameters: Mapping[str, Value
             check=False,
         ).stdout.decode(errors="replace")
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
-        raise DefinitionError(f"the version command {words} failed ({error}); mend 'version_command'") from error
+        raise DefinitionError(f"the version command {words} failed ({error}); correct 'version_command'") from error
     found = re.search(definition.version_pattern or r"\S.*", answer)
     version = found[found.re.groups > 0] if found else None
     if version is None:
         raise DefinitionError(
             f"the version command {words} did not print what is expected ('{definition.version_pattern}'), but "
-            f"{answer.strip()[:_LONGEST_VERSION]!r}; mend 'version_command' or 'version_pattern'"
+            f"{answer.strip()[:_LONGEST_VERSION]!r}; correct 'version_command' or 'version_pattern'"
         )
     return version.strip()[:_LONGEST_VERSION]

@@ -32,7 +32,7 @@ _NOT_RESULTS: Any = {
 
 @dataclass(frozen=True)
 class ResolvedCommand:
-    """Hold a definition, what its parameters stand for, and what its results depend on besides options.
+    """A definition, what its parameters stand for, and what its results depend on besides options.
 
     ``identity`` digests the definition, the texts among the parameters and the contents of every file they name.
     """

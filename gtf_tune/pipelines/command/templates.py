@@ -82,7 +82,7 @@ def filled_arguments(
 
 
 def is_format(form: str) -> bool:
-    """Tell whether a whole number, a fraction or a text can be written in a format."""
+    """Return whether a whole number, a fraction or a text can be written in a format."""
     for value in (1, 1.0, "1"):
         with contextlib.suppress(TypeError, ValueError):
             format(value, form)
@@ -124,5 +124,5 @@ def _formatted(value: Value, form: str, boolean_words: Sequence[str]) -> str:
         try:
             return format(value, form)
         except (TypeError, ValueError) as error:
-            raise RunError(f"the format '{form}' does not fit {value!r}; mend the placeholder") from error
+            raise RunError(f"the format '{form}' does not fit {value!r}; correct the placeholder") from error
     return repr(value) if isinstance(value, float) else str(value)

@@ -18,7 +18,7 @@ _DEFAULT = SideMetricDefinition()
 
 @dataclass(frozen=True)
 class SideMetric:
-    """Hold the error against ground truth of a trial on one sequence.
+    """The error against ground truth of a trial on one sequence.
 
     ``value`` is the mean over the clean runs, in the unit of the ground truth or in degrees; ``by_run`` holds each
     run's. Runs that could not be compared are left out and ``skipped`` says why.

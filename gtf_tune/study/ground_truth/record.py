@@ -84,15 +84,15 @@ def recompute_side_metric(
 
 
 def _ground_truths(database: Database, study: studies.Study, places: Mapping[str, Path]) -> dict[str, Trajectory]:
-    known = {one.name: one for one in studies.sequences(database, study.id)}
+    known = {stored.name: stored for stored in studies.sequences(database, study.id)}
     found = {}
-    for one in stored_definition(study).searched_sequences:
-        if not known[one.name].has_ground_truth:
+    for defined in stored_definition(study).searched_sequences:
+        if not known[defined.name].has_ground_truth:
             continue
         root = Path(study.root)
-        sequence, _ = load_stored_sequence(one, known[one.name], folder_of(one, root, places))
+        sequence, _ = load_stored_sequence(defined, known[defined.name], folder_of(defined, root, places))
         if sequence.ground_truth is not None:
-            found[one.name] = sequence.ground_truth
+            found[defined.name] = sequence.ground_truth
     return found
 
 

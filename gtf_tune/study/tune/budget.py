@@ -98,8 +98,8 @@ class Budget:
         """
         if reduced is not None:
             return self._plan(full, reduced, reduction or Reduction())
-        plans = [self._plan(full, full.scaled(one), one) for one in REDUCTIONS]
-        return next((one for one in plans if self._fits(one)), plans[-1])
+        plans = [self._plan(full, full.scaled(reduction), reduction) for reduction in REDUCTIONS]
+        return next((plan for plan in plans if self._fits(plan)), plans[-1])
 
     def seconds_needed(self, full: RunPrice) -> float:
         """Return the wall time below which not even the first configurations are tried on the most reduced images."""

@@ -148,7 +148,9 @@ def configurations_of(study: OpenStudy, found: Recommendation, whole: Sequence) 
     adopted = {**nominal, **scaled_to(changed, _in_pixels(study.definition.pipeline.name), factor)}
     defaults = {name: spec.default for name, spec in study.pipeline.options.specs.items()}
     both = ({**fixed, **adopted}, {**fixed, **nominal})
-    return Configurations(*({name: one[name] for name in one if one[name] != defaults[name]} for one in both))
+    return Configurations(
+        *({name: options[name] for name in options if options[name] != defaults[name]} for options in both)
+    )
 
 
 def _in_pixels(pipeline: str) -> frozenset[str]:
@@ -167,7 +169,7 @@ def _definition(
             **given,
             "name": name,
             "pipeline": {"name": request.pipeline, **given.get("pipeline", {})},
-            "sequences": [{**one, **selection} for one in sequences],
+            "sequences": [{**sequence, **selection} for sequence in sequences],
             "space": {**_preset_axes(request), **given.get("space", {})},
             "gtf": {**runs, **given.get("gtf", {})},
         },
@@ -186,7 +188,7 @@ def _first_configurations(request: TuneRequest, definition: StudyDefinition) -> 
     """Return what is tried first: the preset's portfolio, as far as its options are searched."""
     if request.pipeline not in preset_pipelines():
         return []
-    return [one for one in preset_space(request.pipeline).first if set(one) <= set(definition.space)]
+    return [options for options in preset_space(request.pipeline).first if set(options) <= set(definition.space)]
 
 
 def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reduction) -> dict[str, Any]:

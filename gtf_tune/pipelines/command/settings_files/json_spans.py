@@ -27,12 +27,12 @@ def keys(text: str) -> tuple[str, ...]:
 
 def values(text: str) -> dict[str, bool | int | float | str]:
     """Return every single value by its dotted path."""
-    return {one.key: one.value for one in _values(text) if isinstance(one.value, bool | int | float | str)}
+    return {span.key: span.value for span in _values(text) if isinstance(span.value, bool | int | float | str)}
 
 
 def replace(text: str, key: str, value: bool | int | float | str) -> str:
     """Return the text with another value at a key that is there once and holds a single value."""
-    found = [one for one in _values(text) if one.key == key]
+    found = [span for span in _values(text) if span.key == key]
     if len(found) != 1:
         raise DefinitionError(f"the settings file has the key '{key}' {len(found)} times; it must have it once")
     if isinstance(found[0].value, dict | list):
@@ -42,9 +42,9 @@ def replace(text: str, key: str, value: bool | int | float | str) -> str:
 
 def add(text: str, key: str, value: bool | int | float | str) -> str:
     """Return the text with a new key as the first of the deepest object of its path that is there."""
-    parents = [one for one in _values(text) if key.startswith(one.key + ".")]
+    parents = [span for span in _values(text) if key.startswith(span.key + ".")]
     whole = _Value("", _SPACE.match(text).end(), len(text), _whole(text))  # type: ignore[union-attr]
-    parent = max(parents, key=lambda one: len(one.key), default=whole)
+    parent = max(parents, key=lambda span: len(span.key), default=whole)
     if not isinstance(parent.value, dict):
         raise DefinitionError(
             f"the key '{key}' cannot be added to the settings file, where '{parent.key}' is no object; write it there "

@@ -22,7 +22,7 @@ _Kind = Literal["scalar", "block", "flow", "tagged"]
 
 @dataclass
 class _Entry:
-    """Hold where a key and its value stand; ``last_line`` is the last line of what belongs to the key."""
+    """Where a key and its value stand; ``last_line`` is the last line of what belongs to the key."""
 
     path: tuple[str, ...]
     indent: int
@@ -151,11 +151,11 @@ def add(text: str, key: str, value: bool | int | float | str) -> str:
     if _is_opencv(text):
         return f"{text}{key}: {words}\n"
     entries = _entries(text)
-    parents = [one for one in entries if one.addressable and key.startswith(one.key + ".")]
+    parents = [entry for entry in entries if entry.addressable and key.startswith(entry.key + ".")]
     if not parents:
         return text + _nested(key, words, 0)
-    parent = max(parents, key=lambda one: len(one.key))
-    children = [one for one in entries if one.path[:-1] == parent.path and one.addressable]
+    parent = max(parents, key=lambda entry: len(entry.key))
+    children = [entry for entry in entries if entry.path[:-1] == parent.path and entry.addressable]
     if not children or parent.kind != "block":
         raise DefinitionError(
             f"the key '{key}' cannot be added to the settings file, where '{parent.key}' holds no keys on lines of "
