@@ -58,8 +58,8 @@ _STUDY = {
     ),
     "watch": Entry(
         "Look",
-        "Follow a study that others work on, a line for every trial that ends, until it is done.",
-        "study.report:watch",
+        "Follow a study until it is done: a line for every trial that ends, and who works on it where.",
+        "study.watch:watch",
     ),
     "delete": Entry(
         "Manage", "Delete a study with its trials, and the runs that no other study uses.", "study.delete:delete"

@@ -19,7 +19,7 @@ from sqlalchemy.orm import Session, aliased
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.columns import DatabaseClock
-from gtf_tune.store.database.session import read, write
+from gtf_tune.store.database.session import read, read_rows, write
 
 _DEAD_STATES = frozenset("ZXx")
 _STATE_FIELD = 0
@@ -195,6 +195,33 @@ def _stale(session: Session, study_id: int, grace_s: float) -> list[tuple[int, s
         .order_by(trial.number)
     )
     return [(row[0], row[1]) for row in session.execute(query) if row[2] or has_died(Worker(*row[3:]))]
+
+
+@dataclass(frozen=True)
+class ActiveWorker:
+    """A process that holds trials of a study, and the seconds since it was last heard of, by the database's clock."""
+
+    name: str
+    host: str
+    numbers: tuple[int, ...]
+    silent_s: float
+
+
+def active_workers(database: Database, study_id: int) -> list[ActiveWorker]:
+    """Return the workers that hold trials of a study, by name."""
+    trial = models.Trial
+    query = (
+        select(trial.owner, trial.host, trial.number, DatabaseClock() - trial.heartbeat_at)
+        .where(trial.study_id == study_id, trial.state == "claimed", trial.lease.is_not(None))
+        .order_by(trial.owner, trial.number)
+    )
+    by_name: dict[tuple[str, str], list[tuple[int, float]]] = {}
+    for name, host, number, silent_s in read_rows(database, query):
+        by_name.setdefault((name, host), []).append((number, float(silent_s)))
+    return [
+        ActiveWorker(name, host, tuple(number for number, _ in held), min(silent_s for _, silent_s in held))
+        for (name, host), held in by_name.items()
+    ]
 
 
 def renew(database: Database, lease: TrialLease) -> bool:

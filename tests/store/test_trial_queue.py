@@ -139,3 +139,26 @@ def test_a_finished_trial_stays_finished(database: Database, study: Study) -> No
     assert trial_queue.finish(database, lease, COMPLETE), "the answer to the first commit may have been lost"
     assert not trial_queue.release(database, lease)
     assert trial_queue.adopt_stale(database, study.id, this_worker(), grace_s=0) is None
+
+
+def test_workers_are_listed_with_their_trials_and_their_silence(database: Database, study: Study) -> None:
+    finish_nominal(database, study)
+    here = Worker("here:2", "here", "a machine", 2, 2)
+    leases = [claim(database, study), claim(database, study, worker=here), claim(database, study)]
+    silence(database, leases[0], 100)
+    silence(database, leases[2], 30)
+
+    found = trial_queue.active_workers(database, study.id)
+
+    assert [(worker.name, worker.host, worker.numbers) for worker in found] == [
+        ("here:2", "here", (2,)),
+        ("there:1", "there", (1, 3)),
+    ]
+    assert found[0].silent_s < 10
+    assert 30 <= found[1].silent_s < 40
+
+
+def test_a_worker_that_gave_its_trial_back_is_not_listed(database: Database, study: Study) -> None:
+    trial_queue.release(database, claim(database, study))
+
+    assert trial_queue.active_workers(database, study.id) == []

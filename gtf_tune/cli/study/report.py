@@ -1,6 +1,5 @@
 """Write the report of a study, and follow one that others work on."""
 
-import time
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,15 +8,11 @@ import typer
 
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
 from gtf_tune.cli.storage_access import open_storage
-from gtf_tune.cli.study.notes import suggest_outcome
-from gtf_tune.cli.terminal.console import duration, say, write_line
+from gtf_tune.cli.terminal.console import say
 
 if TYPE_CHECKING:
-    from gtf_tune.display import ScoreUnit
     from gtf_tune.report.definition import ReportDefinition
     from gtf_tune.store.database import Database
-    from gtf_tune.store.trials import Trial
-    from gtf_tune.study.outcome.improvement import Improvement
 
 
 class Format(StrEnum):
@@ -58,38 +53,6 @@ def report(
     say(f"wrote {path}")
 
 
-def watch(
-    name: StudyName,
-    interval: Annotated[float, typer.Option("--interval", min=0.1, help="Seconds between two looks.")] = 2.0,
-    storage: Storage = DEFAULT_STORAGE,
-) -> None:
-    """Follow a study that others work on, a line for every trial that ends, until it is done.
-
-    Example: gtf-tune study watch photos
-    """
-    from gtf_tune.display import definition_unit
-    from gtf_tune.store import studies, trials
-    from gtf_tune.store.studies import stored_definition
-    from gtf_tune.study.outcome.improvement import read_improvements
-
-    database = open_storage(storage)
-    shown: set[int] = set()
-    unit = definition_unit(stored_definition(studies.get(database, name)))
-    while True:
-        study = studies.get(database, name)
-        known = trials.of_study(database, study.id)
-        ended = [trial for trial in known if trial.state != "claimed" and trial.number not in shown]
-        improvements = read_improvements(database, study.id, ended)
-        for trial in ended:
-            shown.add(trial.number)
-            write_line(_line(trial, improvements.get(trial.number), unit))
-        if study.state == "done":
-            say(f"study '{name}' is done")
-            suggest_outcome(database, name)
-            return
-        time.sleep(interval)
-
-
 def snippets(database: "Database", name: str) -> dict[str, str]:
     """Return the options to use in the forms that people paste; nothing where no trial is recommended."""
     from gtf_tune.store import studies
@@ -106,12 +69,3 @@ def _panels(path: Path | None) -> "ReportDefinition":
     from gtf_tune.report.definition import ReportDefinition, load_report_definition
 
     return ReportDefinition() if path is None else load_report_definition(path)
-
-
-def _line(trial: "Trial", improvement: "Improvement | None", unit: "ScoreUnit") -> str:
-    name = "nominal" if trial.number == 0 else f"trial {trial.number}"
-    if trial.value is None or not trial.feasible:
-        return f"{name}: infeasible, {trial.message}"
-    change = f", {improvement.text}" if improvement and improvement.is_known else ""
-    early = ", stopped early" if trial.state == "pruned" else ""
-    return f"{name}: {unit.told(trial.value)}{change}, {duration(trial.wall_s)} on {trial.host}{early}"
