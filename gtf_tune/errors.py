@@ -81,6 +81,11 @@ class OptunaStudyError(StorageError):
     """Signal that another program renamed, deleted or changed the Optuna study of a study."""
 
 
+def first_remedy(faults: Iterable[GtfTuneError]) -> tuple[str, ...]:
+    """Return the first remedy that several errors have, which are told of in one message."""
+    return next((fault.remedy for fault in faults if fault.remedy), ())
+
+
 def did_you_mean(name: str, known: Iterable[str], *, most: int = 2, cutoff: float = 0.6, otherwise: str = "") -> str:
     """Return the question whether a near name was meant, or ``otherwise`` where none is near.
 

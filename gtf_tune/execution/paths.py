@@ -105,7 +105,9 @@ def default_cache_folder() -> Path:
 
 
 def _unwritable(folder: Path, error: OSError) -> MachineError:
-    return MachineError(f"cannot write below {folder} ({error.strerror}); choose another place with --cache-dir")
+    return MachineError(
+        f"cannot write below {folder} ({error.strerror}); choose another folder for the cache", remedy=("cache folder",)
+    )
 
 
 def _remove_abandoned(root: Path) -> None:

@@ -83,7 +83,9 @@ def output_to(path: Path) -> Iterator[None]:
     try:
         file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     except OSError as error:
-        raise MachineError(f"cannot write {path} ({error.strerror}); choose another place with --cache-dir") from error
+        raise MachineError(
+            f"cannot write {path} ({error.strerror}); choose another folder for the cache", remedy=("cache folder",)
+        ) from error
     sys.stdout.flush()
     sys.stderr.flush()
     saved = [os.dup(1), os.dup(2)]

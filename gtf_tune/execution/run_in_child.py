@@ -124,7 +124,7 @@ def _from_system(error: OSError, paths: RunPaths) -> tuple[str, FailureCause]:
         return f"{type(error).__name__}: {error}", "unknown"
     return (
         f"a run could not use {error.filename or paths.folder} ({error.strerror}); make room, check its permissions or "
-        "choose another place with --cache-dir",
+        "choose another folder for the cache",
         "machine",
     )
 

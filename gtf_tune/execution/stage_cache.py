@@ -160,8 +160,9 @@ class _CachedStages:
             lock = self.cache.lock(key)
         except OSError as error:
             raise MachineError(
-                f"the stage cache {self.cache.folder} cannot be written ({error.strerror}); "
-                "choose another place with --cache-dir or work without it (--no-cache)"
+                f"the stage cache {self.cache.folder} cannot be written ({error.strerror}); choose another folder for "
+                "it, or work without it",
+                remedy=("cache",),
             ) from error
         try:
             fcntl.flock(lock, fcntl.LOCK_SH)

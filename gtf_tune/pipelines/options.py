@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 
-from gtf_tune.errors import DefinitionError, OptionError
+from gtf_tune.errors import DefinitionError, OptionError, first_remedy
 
 OptionValue = bool | int | float | str
 
@@ -59,14 +59,14 @@ class OptionTable:
     def check(self, values: Mapping[str, object]) -> dict[str, OptionValue]:
         """Return the values in their canonical types, or raise one `OptionError` that names every fault."""
         checked: dict[str, OptionValue] = {}
-        faults: list[str] = []
+        faults: list[OptionError] = []
         for name, value in values.items():
             try:
                 checked[name] = self.check_one(name, value)
             except OptionError as error:
-                faults.append(str(error))
+                faults.append(error)
         if faults:
-            raise OptionError("; ".join(faults))
+            raise OptionError("; ".join(map(str, faults)), remedy=first_remedy(faults))
         self.check_together(checked)
         return dict(sorted(checked.items()))
 
@@ -74,18 +74,15 @@ class OptionTable:
         """Return one value in its canonical type, or raise `OptionError` with the nearest valid names."""
         spec = self.specs.get(name)
         if spec is None:
-            raise OptionError(self._unknown(name))
+            raise OptionError(self._unknown(name), remedy=("options", self.pipeline))
         return _convert(spec, value)
 
     def _unknown(self, name: str) -> str:
         near = get_close_matches(name, self.specs, n=_SUGGESTIONS, cutoff=0.5)
         last = name.rsplit(".", 1)[-1]
         near += [known for known in self.specs if known.rsplit(".", 1)[-1] == last and known not in near][:_SUGGESTIONS]
-        hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-        return (
-            f"unknown option '{name}' for pipeline '{self.pipeline}'; {hint}"
-            f"Run 'gtf-tune pipeline options {self.pipeline}'"
-        )
+        hint = f"did you mean {' or '.join(map(repr, near))}?" if near else "list the options that it has"
+        return f"unknown option '{name}' for pipeline '{self.pipeline}'; {hint}"
 
 
 def _convert(spec: OptionSpec, value: object) -> OptionValue:

@@ -55,7 +55,7 @@ def _factory(name: str) -> PipelineFactory:
         return partial(create_imported, name)
     found = _installed().get(name)
     if found is None:
-        raise DefinitionError(_unknown(name))
+        raise DefinitionError(_unknown(name), remedy=("pipelines",))
     try:
         return cast(PipelineFactory, found.load())
     except (ImportError, AttributeError) as error:
@@ -71,4 +71,4 @@ def _installed() -> dict[str, EntryPoint]:
 def _unknown(name: str) -> str:
     names = pipeline_names()
     hint = did_you_mean(name, names, cutoff=0.5, otherwise=f"is it one of {', '.join(names)}?")
-    return f"unknown pipeline '{name}'; {hint} Run 'gtf-tune pipeline list'"
+    return f"unknown pipeline '{name}'; {hint}"

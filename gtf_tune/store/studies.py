@@ -114,8 +114,8 @@ def add(database: Database, new: NewStudy) -> Study:
 def name_is_taken(database: Database, name: str) -> StorageError:
     """Return the error for whoever wants to add a study of a name that the database has."""
     return StorageError(
-        f"study '{name}' exists already in {database.shown_url}; continue it with 'gtf-tune study resume {name}', "
-        f"delete it with 'gtf-tune study delete {name}', or choose another name"
+        f"study '{name}' exists already in {database.shown_url}; resume or delete it, or choose another name",
+        remedy=("resume or delete", name),
     )
 
 
@@ -149,8 +149,8 @@ def get(database: Database, name: str) -> Study:
         return found
     hint = did_you_mean(name, names(database), most=3)
     raise StorageError(
-        f"there is no study '{name}' in {database.shown_url}; {f'{hint} Run' if hint else 'run'} "
-        f"'gtf-tune study list --storage {database.shown_url}'"
+        f"there is no study '{name}' in {database.shown_url}; {hint or 'list its studies'}",
+        remedy=("list", database.shown_url),
     )
 
 
@@ -166,7 +166,9 @@ def stored_definition(study: Study | StudySummary) -> StudyDefinition:
     try:
         data = json.loads(study.definition)
     except ValueError as error:
-        raise DefinitionError(f"{source}: its stored definition is damaged; see 'gtf-tune storage check'") from error
+        raise DefinitionError(
+            f"{source}: its stored definition is damaged; check the storage", remedy=("check",)
+        ) from error
     return definition_from_dict(data, source)
 
 
@@ -253,15 +255,14 @@ def check_open(study: Study) -> None:
     """
     check_whole(study)
     if study.state not in ("open", "done"):
-        raise StorageError(f"study '{study.name}' is {study.state}; open it with 'gtf-tune study resume {study.name}'")
+        raise StorageError(f"study '{study.name}' is {study.state}; resume it", remedy=("resume", study.name))
 
 
 def check_whole(study: Study) -> None:
     """Raise `StorageError` for an unfinished copy of a study."""
     if study.state == "copying":
         raise StorageError(
-            f"study '{study.name}' is an unfinished copy; delete it with 'gtf-tune study delete {study.name}' and copy "
-            "it again"
+            f"study '{study.name}' is an unfinished copy; delete it and copy it again", remedy=("delete", study.name)
         )
 
 

@@ -79,7 +79,9 @@ def get(database: Database, study_id: int, number: int) -> Trial:
     """
     found = _read(database, _of(study_id).where(models.Trial.number == number))
     if not found:
-        raise StorageError(f"the study has no trial {number} in {database.shown_url}; see 'gtf-tune study show'")
+        raise StorageError(
+            f"the study has no trial {number} in {database.shown_url}; see which it has", remedy=("show",)
+        )
     return found[0]
 
 

@@ -12,7 +12,7 @@ from optuna.exceptions import ExperimentalWarning
 from pydantic import TypeAdapter, ValidationError
 
 from gtf_tune.definition import Axis, StudyDefinition, definition_from_dict, dump_definition
-from gtf_tune.errors import GtfTuneError, SequenceError
+from gtf_tune.errors import DefinitionError, GtfTuneError, SequenceError, first_remedy
 from gtf_tune.pipelines import OptionTable, OptionValue, Pipeline, create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
@@ -42,7 +42,12 @@ def checked_definition(
     DefinitionError
         Something is wrong; the message names every fault of the file, the shape of it and the options in it alike.
     """
-    return definition_from_dict(data, source, _option_faults(data), hints)
+    faults = _option_faults(data)
+    try:
+        return definition_from_dict(data, source, map(str, faults), hints)
+    except DefinitionError as error:
+        error.remedy = first_remedy(faults)
+        raise
 
 
 def create_study(
@@ -117,22 +122,22 @@ def _optuna_study(database: Database, name: str) -> int:
     return created
 
 
-def _option_faults(data: Mapping[str, Any]) -> list[str]:
+def _option_faults(data: Mapping[str, Any]) -> list[GtfTuneError]:
     section = data.get("pipeline")
     if not isinstance(section, Mapping) or not isinstance(section.get("name"), str):
         return []
     try:
         table = create_pipeline(section["name"], _mapping(section.get("settings"))).options
     except GtfTuneError as error:
-        return [str(error)]
-    faults: list[str] = []
+        return [error]
+    faults: list[GtfTuneError] = []
     nominal = _checked(section.get("nominal"), table, faults)
     _checked(section.get("options"), table, faults)
     return faults + space_faults(_sound_axes(data.get("space")), table, nominal)
 
 
-def _checked(options: object, table: OptionTable, faults: list[str]) -> dict[str, OptionValue]:
-    """Return the options that the pipeline takes, and append a sentence to ``faults`` for every other one."""
+def _checked(options: object, table: OptionTable, faults: list[GtfTuneError]) -> dict[str, OptionValue]:
+    """Return the options that the pipeline takes, and append an error to ``faults`` for every other one."""
     checked: dict[str, OptionValue] = {}
     for name, value in _mapping(options).items():
         if isinstance(value, Mapping | list):  # a fault of the shape, which is reported already
@@ -140,7 +145,7 @@ def _checked(options: object, table: OptionTable, faults: list[str]) -> dict[str
         try:
             checked |= table.check({name: value})
         except GtfTuneError as error:
-            faults.append(str(error))
+            faults.append(error)
     return checked
 
 

@@ -118,19 +118,24 @@ def _refuse(definition: StudyDefinition, extension: Extension) -> None:
     name = definition.name
     if extension.is_empty:
         raise DefinitionError(
-            f"nothing to extend study '{name}' by; give --trials or --range, or --noisy-runs for a new study with --as"
+            f"nothing to extend study '{name}' by; give more trials or a wider range, or derive a new study with "
+            "another number of noisy runs",
+            remedy=("extension",),
         )
     _refuse_unknown(definition, extension)
-    derive = f"make a new study on the same runs with: gtf-tune study extend {name} --as NEW-NAME and the same flags"
+    derive = "derive a new study by the same changes, which takes over every run that is the same"
     if extension.noisy_runs is not None and extension.noisy_runs != definition.gtf.noisy_runs:
         raise DefinitionError(
             f"the trials of study '{name}' are scored by {definition.gtf.noisy_runs_text} noisy runs each, and scores "
-            f"of more runs do not compare with theirs; {derive}"
+            f"of more runs do not compare with theirs; {derive}",
+            remedy=("derive", name),
         )
     for option, axis in extension.axes.items():
         fault = _axis_fault(definition, option, axis)
         if fault:
-            raise DefinitionError(f"the range of '{option}' cannot change in study '{name}': {fault}; {derive}")
+            raise DefinitionError(
+                f"the range of '{option}' cannot change in study '{name}': {fault}; {derive}", remedy=("derive", name)
+            )
 
 
 def _refuse_unknown(definition: StudyDefinition, extension: Extension) -> None:
@@ -162,5 +167,6 @@ def _refuse_too_few(database: Database, study: Study, extended: StudyDefinition)
     budget = defined_budget(extended) + len(numbers_of(study.resolved))
     if budget < handed_out:
         raise DefinitionError(
-            f"study '{study.name}' has {handed_out} trials already, more than {budget}; raise --trials"
+            f"study '{study.name}' has {handed_out} trials already, more than {budget}; give it more",
+            remedy=("trials",),
         )

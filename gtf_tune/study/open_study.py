@@ -88,8 +88,8 @@ def open_study(
     mismatch = _version_mismatch(record, pipeline.name, pipeline.version)
     if mismatch and not allow_version_mismatch:
         raise DefinitionError(
-            f"study '{record.name}' {mismatch}; install that version, or accept mixed results with "
-            "--allow-version-mismatch"
+            f"study '{record.name}' {mismatch}; install that version, or accept mixed results",
+            remedy=("version mismatch",),
         )
     space = build_space(definition, pipeline.options)
     record = linked(database, record)
@@ -205,7 +205,10 @@ def folders_of(definition: StudyDefinition, root: Path, named: Mapping[str, Path
     names = [one.name for one in definition.sequences]
     for name in named:
         if name not in names:
-            raise SequenceError(f"--sequence {name}=PATH: study '{definition.name}' has only {', '.join(names)}")
+            raise SequenceError(
+                f"study '{definition.name}' has no sequence '{name}', only {', '.join(names)}; name one of these",
+                remedy=("sequence", names[0]),
+            )
     return {one.name: folder_of(one, root, named) for one in definition.searched_sequences}
 
 
@@ -222,8 +225,8 @@ def folder_of(sequence: SequenceDefinition, root: Path, named: Mapping[str, Path
     folder = root / sequence.path
     if not folder.exists():
         raise SequenceError(
-            f"sequence '{sequence.name}' is not at {folder} on this machine; give its place with --sequence "
-            f"{sequence.name}=PATH"
+            f"sequence '{sequence.name}' is not at {folder} on this machine; say where it lies",
+            remedy=("sequence", sequence.name),
         )
     return folder
 
@@ -233,6 +236,6 @@ def _below(root: Path, sequence: StudySequence) -> Path:
         if place.exists():
             return place
     raise SequenceError(
-        f"sequence '{sequence.name}' is not in {root}; put it there under its name, or give its place with "
-        f"--sequence {sequence.name}=PATH"
+        f"sequence '{sequence.name}' is not in {root}; put it there under its name, or say where it lies",
+        remedy=("sequence", sequence.name),
     )

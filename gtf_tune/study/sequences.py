@@ -73,8 +73,9 @@ def check_fingerprint(sequence: Sequence, expected: str) -> None:
     if sequence.fingerprint != expected:
         raise SequenceError(
             f"sequence '{sequence.name}' at {sequence.root} has other pixels than when the study began "
-            f"(fingerprint {sequence.fingerprint[:12]}, not {expected[:12]}); restore them, give their place with "
-            f"--sequence {sequence.name}=PATH, or create a new study"
+            f"(fingerprint {sequence.fingerprint[:12]}, not {expected[:12]}); restore them, say where they lie, or "
+            "create a new study",
+            remedy=("sequence", sequence.name),
         )
 
 

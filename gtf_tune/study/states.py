@@ -52,5 +52,8 @@ def retry_failed(database: Database, name: str) -> int:
 def _close(database: Database, name: str, state: studies.StudyState) -> None:
     study = studies.get(database, name)
     if study.state in ("done", "copying"):
-        raise StorageError(f"study '{name}' is {study.state}, so there is nothing to stop; see 'gtf-tune study show'")
+        raise StorageError(
+            f"study '{name}' is {study.state}, so there is nothing to stop; look at what it found",
+            remedy=("show it", name),
+        )
     studies.set_state(database, study.id, state)

@@ -128,7 +128,7 @@ def test_a_finished_study_without_a_feasible_trial_says_why_instead_of_asking_to
     asked = [cli("study", *command, "small") for command in (("best",), ("export", "-f", "json"), ("confirm",))]
     shown = cli("study", "show", "small")
 
-    assert "has no feasible trial yet; run it with: gtf-tune study run small" in begun.err
+    assert "has no feasible trial yet; run it first (gtf-tune study run small)" in begun.err
     assert ran.err.endswith("Next: gtf-tune study show small\n")
     for said in asked:
         assert (said.code, said.err.splitlines()[-1]) == (

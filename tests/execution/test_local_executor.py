@@ -199,7 +199,7 @@ def test_a_folder_whose_owner_was_killed_before_it_locked_it_is_removed(tmp_path
 def test_a_place_that_cannot_be_written_to_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
 
-    with pytest.raises(MachineError, match="choose another place with --cache-dir"):
+    with pytest.raises(MachineError, match="choose another folder for the cache"):
         LocalExecutor(scratch=tmp_path / "file" / "scratch")
 
 
@@ -211,7 +211,7 @@ def test_runs_whose_folder_is_taken_away_are_failures_of_the_machine(tmp_path: P
         outcomes = [future.result(timeout=WAIT_S) for future in futures]
 
     assert {(outcome.status, outcome.cause) for outcome in outcomes} == {("failed", "machine")}
-    assert all("choose another place with --cache-dir" in outcome.error for outcome in outcomes)
+    assert all("choose another folder for the cache" in outcome.error for outcome in outcomes)
 
 
 class ForgetfulPool:

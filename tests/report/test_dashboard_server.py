@@ -66,7 +66,7 @@ def test_a_page_under_another_name_gets_no_answer(server: DashboardServer) -> No
 def test_a_taken_port_is_an_error_that_says_what_to_do(own_database: Database, server: DashboardServer) -> None:
     port = int(server.url.rpartition(":")[2])
 
-    with pytest.raises(DefinitionError, match=f"cannot listen on 127.0.0.1:{port} .*give another --port"):
+    with pytest.raises(DefinitionError, match=f"cannot listen on 127.0.0.1:{port} .*choose another port"):
         DashboardServer(own_database, port=port)
 
 

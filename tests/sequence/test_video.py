@@ -62,7 +62,7 @@ def test_a_rate_above_that_of_the_video_takes_every_frame(video, tmp_path):
 
 
 def test_a_video_given_as_a_sequence_says_how_to_extract_it(video):
-    with pytest.raises(SequenceError, match=r"take its frames out first with: gtf-tune sequence extract video\.avi"):
+    with pytest.raises(SequenceError, match="this is a video; take its frames out first, and give their folder"):
         load_sequence(video)
 
 

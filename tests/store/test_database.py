@@ -49,14 +49,14 @@ def test_tables_are_added_to_a_database_that_optuna_made(make_storage: Callable[
 
     storage = make_storage("sqlite", False)
     RDBStorage(storage).engine.dispose()
-    with pytest.raises(StorageError, match=r"no tables of gtf-tune yet.*gtf-tune storage upgrade --storage sqlite"):
+    with pytest.raises(StorageError, match="no tables of gtf-tune yet; create a study in it, or upgrade the storage"):
         open_database(storage)
     upgrade_database(storage).close()
     open_database(storage).close()
 
 
 def test_a_missing_file_says_which_command_makes_it(tmp_path: Path) -> None:
-    with pytest.raises(StorageError, match=r"no storage at .*x\.db; make it with 'gtf-tune study create"):
+    with pytest.raises(StorageError, match=r"no storage at .*x\.db; create a study in it first"):
         open_database(f"{tmp_path}/x.db")
     assert not (tmp_path / "x.db").exists()
 
@@ -145,13 +145,13 @@ def test_tables_of_a_newer_version_are_refused(storage: str) -> None:
         connection.execute(text("UPDATE gtf_alembic_version SET version_num = '9999'"))
     database.close()
     for action in (open_database, create_database, upgrade_database):
-        with pytest.raises(StorageError, match=r"newer gtf-tune.*pip install --upgrade gtf-tune"):
+        with pytest.raises(StorageError, match=r"newer gtf-tune .*; install the newer gtf-tune"):
             action(storage)
 
 
 def test_tables_of_an_older_version_name_the_command(storage: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(schema, "REVISIONS", ("0001", "0002"))
-    with pytest.raises(StorageError, match=r"older gtf-tune .*run 'gtf-tune storage upgrade --storage "):
+    with pytest.raises(StorageError, match=r"older gtf-tune .*; upgrade it"):
         open_database(storage)
 
 

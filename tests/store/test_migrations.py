@@ -8,6 +8,7 @@ from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 
+from gtf_tune.cli.remedies import with_remedy
 from gtf_tune.errors import StorageError
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database, open_database, schema, upgrade_database
@@ -47,8 +48,9 @@ def asset(tmp_path: Path) -> Callable[[str], str]:
 @pytest.mark.parametrize("revision", ["no_revision", *schema.REVISIONS[:-1]])
 def test_old_files_open_with_the_command_that_upgrades_them(asset: Callable[[str], str], revision: str) -> None:
     path = asset(revision)
-    with pytest.raises(StorageError, match=f"'gtf-tune storage upgrade --storage sqlite:///{path}'"):
+    with pytest.raises(StorageError, match="upgrade") as caught:
         open_database(path)
+    assert with_remedy(caught.value).endswith(f" (gtf-tune storage upgrade --storage sqlite:///{path})")
 
 
 @pytest.mark.parametrize("revision", ["no_revision", *schema.REVISIONS])

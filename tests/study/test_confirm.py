@@ -146,7 +146,7 @@ def test_a_held_out_sequence_that_lies_elsewhere_is_asked_for_by_its_flag(
     run_study(definition_of(room, sequences=both, **GRID))
     moved = other.rename(tmp_path / "moved")
 
-    with pytest.raises(SequenceError, match=r"--sequence other=PATH"):
+    with pytest.raises(SequenceError, match=r"sequence 'other' is not at .*; say where it lies"):
         _plan(database)
     study = open_study(database, "small", {"other": moved})
     assert "other" in plan_confirmation(study, {"other": moved}).sequences

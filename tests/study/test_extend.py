@@ -77,7 +77,7 @@ def test_a_range_that_finished_trials_do_not_fit_is_refused(
 ) -> None:
     run_study(definition_of(room, search={"trials": 2}))
 
-    with pytest.raises(DefinitionError, match=rf"{reason}.*--as"):
+    with pytest.raises(DefinitionError, match=rf"{reason}.*derive a new study by the same changes"):
         extend_study(database, "small", Extension(axes={option: axis}))
 
 
@@ -86,7 +86,7 @@ def test_another_number_of_noisy_runs_is_refused_with_the_way_out(
 ) -> None:
     run_study(definition_of(room, search={"trials": 2}))
 
-    with pytest.raises(DefinitionError, match=r"scored by 3 noisy runs each.*study extend small --as"):
+    with pytest.raises(DefinitionError, match=r"scored by 3 noisy runs each.*derive a new study"):
         extend_study(database, "small", Extension(noisy_runs=6))
 
 
@@ -116,7 +116,9 @@ def test_an_unfinished_copy_is_neither_extended_nor_opened(room: Path, database:
 def test_nothing_to_extend_by_is_an_error(room: Path, database: Database, run_study: Runner) -> None:
     run_study(definition_of(room, search={"trials": 2}))
 
-    with pytest.raises(DefinitionError, match="nothing to extend study 'small' by; give --trials or --range, or"):
+    with pytest.raises(
+        DefinitionError, match="nothing to extend study 'small' by; give more trials or a wider range, or"
+    ):
         extend_study(database, "small", Extension())
 
 

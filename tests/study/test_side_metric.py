@@ -80,7 +80,7 @@ def test_ground_truth_that_lies_elsewhere_is_asked_for_by_its_flag(
     run_study(definition_of(room, **SHORT))
     room.rename(room.with_name("moved"))
 
-    with pytest.raises(SequenceError, match=r"--sequence room=PATH"):
+    with pytest.raises(SequenceError, match="say where"):
         recompute_side_metric(database, "small", SideMetricDefinition())
 
 

@@ -115,7 +115,7 @@ def test_a_sequence_that_is_not_below_the_data_root_is_named(
     (said,) = serve(database, WorkerRules(places=SequencePlaces(data_root=tmp_path / "room" / "rgb")))
 
     assert "sequence 'room' is not in" in said
-    assert "--sequence room=PATH" in said
+    assert said.endswith("say where it lies")
 
 
 def test_other_pixels_are_refused_with_the_reason(
@@ -173,7 +173,7 @@ def test_a_worker_takes_over_from_one_that_dies_late(database: Database, create:
 def test_an_unfinished_copy_is_never_worked_on(database: Database, create: Create) -> None:
     studies.set_state(database, create().id, "copying")
 
-    with pytest.raises(StorageError, match="unfinished copy; delete it with 'gtf-tune study delete small'"):
+    with pytest.raises(StorageError, match="unfinished copy; delete it and copy it again"):
         studies.check_open(studies.get(database, "small"))
     assert serve(database) == []
 
@@ -182,7 +182,7 @@ def test_a_stopped_study_opens_again(database: Database, create: Create) -> None
     create()
     stop_study(database, "small")
 
-    with pytest.raises(StorageError, match="is stopped; open it with 'gtf-tune study resume small'"):
+    with pytest.raises(StorageError, match="is stopped; resume it"):
         studies.check_open(studies.get(database, "small"))
     studies.check_open(reopen_study(database, "small"))
     serve(database)

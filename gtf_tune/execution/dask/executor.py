@@ -57,7 +57,7 @@ class DaskExecutor:
             from distributed import Client
         except ModuleNotFoundError as error:
             raise DefinitionError(
-                f"--executor dask:// needs the package '{error.name}'; run pip install 'gtf-tune[dask]'"
+                f"runs on a Dask cluster need the package '{error.name}'; run pip install 'gtf-tune[dask]'"
             ) from error
         from gtf_tune.execution.dask.worker import PLUGIN, RunHost, package_versions
 
@@ -70,7 +70,8 @@ class DaskExecutor:
             self._client = Client(address, timeout=_CONNECT_TIMEOUT_S, set_as_default=False)
         except (OSError, ValueError) as error:
             raise DefinitionError(
-                f"no Dask scheduler answers at {address}; start one with 'dask scheduler', or correct --executor"
+                f"no Dask scheduler answers at {address}; start one with 'dask scheduler', or correct the address",
+                remedy=("executor",),
             ) from error
         self._client.register_plugin(RunHost(keep_stages=keep_stages), name=PLUGIN)
 

@@ -84,7 +84,8 @@ class DashboardServer:
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise DefinitionError(
-                f"the dashboard cannot listen on {host}:{port} ({reason}); give another --port or --host"
+                f"the dashboard cannot listen on {host}:{port} ({reason}); choose another port or host",
+                remedy=("port",),
             ) from error
         self.url = f"http://{f'[{host}]' if ':' in host else host}:{self._http.server_port}"
         self.link = f"{self.url}/dashboard{_only_study(database)}"

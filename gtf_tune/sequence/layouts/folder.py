@@ -122,7 +122,8 @@ def _below(root: Path, reading: Reading) -> Notes:
     if not counts:
         return ()
     return (
-        f"{sum(counts.values())} images in subfolders are left out: {named_folders(counts)}; --recursive reads them",
+        f"{sum(counts.values())} images in subfolders are left out: {named_folders(counts)}; "
+        "recursive = true reads them",
     )
 
 
@@ -131,7 +132,7 @@ FOLDER = Layout(
     matches=_matches,
     read=_read,
     help=(
-        "Any folder of images of one camera, in the natural order of their names; --recursive takes the images of its "
+        "Any folder of images of one camera, in the natural order of their names; ``recursive`` takes those of its "
         "subfolders too. No timestamps, no ground truth."
     ),
 )

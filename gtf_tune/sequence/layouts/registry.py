@@ -1,6 +1,5 @@
 """Find the layout of a data set."""
 
-import shlex
 from pathlib import Path
 
 from gtf_tune.errors import SequenceError, did_you_mean
@@ -73,13 +72,16 @@ def find_layout(root: Path, name: str = AUTO, *, recursive: bool = False) -> Lay
     except OSError as error:
         raise SequenceError(f"{root}: cannot look into the folder ({error.strerror}); check its permissions") from error
     if found is None and root.suffix.lower() in _VIDEO_SUFFIXES:
-        extract = shlex.join(["gtf-tune", "sequence", "extract", root.name, f"{root.stem}/", "--rate-hz", "3"])
-        raise SequenceError(f"{root}: this is a video; take its frames out first with: {extract}, and give that folder")
+        raise SequenceError(
+            f"{root}: this is a video; take its frames out first, and give their folder",
+            remedy=("extract", root.name, f"{root.stem}/"),
+        )
     below = images_below(root) if found is None and root.is_dir() else {}
     if below:
         raise SequenceError(
-            f"{root}: found no images here, but in subfolders: {named_folders(below)}; give one of them, or all as one "
-            "sequence with --recursive (recursive = true)"
+            f"{root}: found no images here, but in subfolders: {named_folders(below)}; give one of them, or all "
+            "as one sequence with recursive = true",
+            remedy=("recursive",),
         )
     unread = unread_photographs(root) if found is None and root.is_dir() else ""
     if unread:
@@ -90,7 +92,8 @@ def find_layout(root: Path, name: str = AUTO, *, recursive: bool = False) -> Lay
     if found is None:
         raise SequenceError(
             f"{root}: found neither images ({IMAGE_KINDS}) nor a known layout ({', '.join(layout_names())}); give the "
-            "folder that holds the images, and take frames out of a video with 'gtf-tune sequence extract' first"
+            "folder that holds the images, and take frames out of a video first",
+            remedy=("extract", "VIDEO", "FOLDER"),
         )
     return found
 

@@ -45,7 +45,7 @@ class Json(TypeDecorator[Any]):
         try:
             return None if value is None else json.loads(value)
         except ValueError as error:
-            raise StorageError("a value in the storage is damaged; see 'gtf-tune storage check'") from error
+            raise StorageError("a value in the storage is damaged; check the storage", remedy=("check",)) from error
 
 
 class Real(TypeDecorator[float]):

@@ -29,7 +29,7 @@ _SQLITE_ADVICE = {
     SQLITE_CORRUPT: "is damaged; restore a backup (storage/README.md)",
     SQLITE_FULL: "could not be written because the disk is full; free some space, then resume",
     SQLITE_IOERR: "could not be read or written by the operating system; check the disk, then resume",
-    SQLITE_NOTADB: "is not a SQLite database; give another --storage",
+    SQLITE_NOTADB: "is not a SQLite database; choose another storage",
     SQLITE_READONLY: "cannot be written to; check the permissions of the file and of its folder",
 }
 
@@ -78,7 +78,7 @@ def storage_error(error: SQLAlchemyError, url: URL) -> StorageError:
     if isinstance(error, DBAPIError) and isinstance(cause, sqlite3.Error):
         advice = _SQLITE_ADVICE.get(_sqlite_code(error) & _PRIMARY_CODE)
         if advice is not None:
-            return StorageError(f"{shown} {advice}")
+            return StorageError(f"{shown} {advice}", remedy=("storage",) if advice.endswith("storage") else ())
     if isinstance(error, DBAPIError) and _sql_state(error) == _DISK_FULL:
         return StorageError(f"{shown} could not be written because the server's disk is full; free some space there")
     said = " ".join(without_passwords(str(cause), url).split())
@@ -86,7 +86,7 @@ def storage_error(error: SQLAlchemyError, url: URL) -> StorageError:
         return UnreachableError(
             f"no connection to {shown}: {said}; check that the server runs and that you may connect"
         )
-    return StorageError(f"{shown} refused a request: {said}; run 'gtf-tune storage check'")
+    return StorageError(f"{shown} refused a request: {said}; check the storage", remedy=("check",))
 
 
 def _sqlite_code(error: DBAPIError) -> int:

@@ -14,7 +14,7 @@ from gtf_tune.errors import StorageError, UnreachableError
 from gtf_tune.store.database.backup import back_up
 from gtf_tune.store.database.engine import READ_ONLY, make_engine
 from gtf_tune.store.database.errors import storage_error
-from gtf_tune.store.database.schema import REVISIONS, create_schema, current_revision, fault_of_revision, upgrade_schema
+from gtf_tune.store.database.schema import REVISIONS, check_revision, create_schema, current_revision, upgrade_schema
 from gtf_tune.store.database.urls import display_url, parse_url
 from gtf_tune.store.optuna.revision import optuna_revision
 
@@ -147,10 +147,11 @@ def _reading(engine: Engine) -> dict[str, Any]:
 
 
 def _current(database: Database) -> Database:
-    fault = fault_of_revision(_revision(database), database.shown_url)
-    if fault:
+    try:
+        check_revision(_revision(database), database.shown_url)
+    except StorageError:
         database.close()
-        raise StorageError(fault)
+        raise
     return database
 
 
@@ -176,7 +177,7 @@ def _check_file(path: Path, shown: str) -> None:
             f"the storage must be a file, but {path} is a folder; give a file such as {path}/gtf-tune.db"
         )
     if not _holds(path, Path.exists):
-        raise StorageError(f"there is no storage at {path}; make it with 'gtf-tune study create ... --storage {shown}'")
+        raise StorageError(f"there is no storage at {path}; create a study in it first", remedy=("create", shown))
 
 
 def _create_file(path: Path, shown: str) -> None:
@@ -190,7 +191,7 @@ def _create_file(path: Path, shown: str) -> None:
         _check_file(path, shown)
     except OSError as error:
         raise StorageError(
-            f"{path} cannot be written to ({error.strerror}); give a --storage in another folder"
+            f"{path} cannot be written to ({error.strerror}); choose a storage in another folder", remedy=("storage",)
         ) from error
 
 
@@ -199,5 +200,5 @@ def _holds(path: Path, condition: Callable[[Path], bool]) -> bool:
         return condition(path)
     except OSError as error:  # of a folder above it, which may not be entered
         raise StorageError(
-            f"{path} cannot be reached ({error.strerror}); give a --storage in another folder"
+            f"{path} cannot be reached ({error.strerror}); choose a storage in another folder", remedy=("storage",)
         ) from error

@@ -31,21 +31,23 @@ def current_revision(engine: Engine) -> str:
         return connection.scalar(select(column("version_num")).select_from(table(VERSION_TABLE))) or ""
 
 
-def fault_of_revision(revision: str, shown_url: str) -> str:
-    """Return what a user must do about tables of this revision, or an empty text where they fit this version."""
+def check_revision(revision: str, shown_url: str) -> None:
+    """Raise `StorageError` unless tables of this revision fit this version."""
     if revision == REVISIONS[-1]:
-        return ""
-    upgrade = f"run 'gtf-tune storage upgrade --storage {shown_url}'"
+        return
+    upgrade = ("upgrade", shown_url)
     if not revision:
-        return (
-            f"{shown_url} has no tables of gtf-tune yet; make them with 'gtf-tune study create ... "
-            f"--storage {shown_url}', or {upgrade}"
+        raise StorageError(
+            f"{shown_url} has no tables of gtf-tune yet; create a study in it, or upgrade the storage", remedy=upgrade
         )
     if revision in REVISIONS:
-        return f"{shown_url} was made by an older gtf-tune (revision {revision}, not {REVISIONS[-1]}); {upgrade}"
-    return (
-        f"{shown_url} was made by a newer gtf-tune (revision {revision}, this one knows {REVISIONS[-1]}); "
-        "run pip install --upgrade gtf-tune"
+        raise StorageError(
+            f"{shown_url} was made by an older gtf-tune (revision {revision}, not {REVISIONS[-1]}); upgrade it",
+            remedy=upgrade,
+        )
+    raise StorageError(
+        f"{shown_url} was made by a newer gtf-tune (revision {revision}, this one knows {REVISIONS[-1]}); install the "
+        "newer gtf-tune"
     )
 
 

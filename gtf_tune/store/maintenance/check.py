@@ -150,7 +150,7 @@ def _notes(database: Database) -> Iterator[str]:
         )
     for study in [studies.get(database, name) for name in studies.names(database)]:
         if study.state == "copying":
-            yield f"study '{study.name}' is an unfinished copy; delete it with 'gtf-tune study delete {study.name}'"
+            yield f"study '{study.name}' is an unfinished copy; delete it and copy it again"
         if trials.untold(database, study.id):
             yield f"Optuna has not been told the end of some trials of '{study.name}'; the next worker does so"
         with suppress(OptunaStudyError):

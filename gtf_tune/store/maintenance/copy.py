@@ -68,8 +68,8 @@ def _check_absent(target: Database, name: str) -> None:
     begun = studies.get(target, name).state == "copying"
     found = "an unfinished copy of study" if begun else "a study"
     raise StorageError(
-        f"{target.shown_url} already holds {found} '{name}'; copy to another storage, or delete that one first with "
-        f"'gtf-tune study delete {name} --storage {target.shown_url}'"
+        f"{target.shown_url} already holds {found} '{name}'; copy to another storage, or delete that one first",
+        remedy=("delete there", name, target.shown_url),
     )
 
 
@@ -169,8 +169,8 @@ def _verified(source: Database, target: Database, study: Study, optuna_id: int) 
     same = digest == study_digest(source, study.name)
     if not same or optuna_digest(target, optuna_id) != optuna_digest(source, study.optuna_study_id):
         raise StorageError(
-            f"study '{study.name}' changed while it was copied; stop its workers with 'gtf-tune study pause "
-            f"{study.name}', then copy it again"
+            f"study '{study.name}' changed while it was copied; pause it, then copy it again",
+            remedy=("pause", study.name),
         )
     return digest
 

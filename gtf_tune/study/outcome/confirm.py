@@ -65,19 +65,21 @@ def plan_confirmation(
     Raises
     ------
     DefinitionError
-        There are too few noisy runs for a verdict, no nominal trial is complete, or no trial is feasible.
+        There are too few noisy runs for a verdict, or no nominal trial is complete.
+    StorageError
+        No trial is feasible.
     """
     if noisy_runs < _FEWEST_RUNS:
         raise DefinitionError(
-            f"a confirmation needs at least {_FEWEST_RUNS} noisy runs, not {noisy_runs}; raise --runs"
+            f"a confirmation needs at least {_FEWEST_RUNS} noisy runs, not {noisy_runs}; make more", remedy=("runs",)
         )
     database, name = study.database, study.definition.name
     known = [trial for trial in trials.of_study(database, study.record.id) if trial.state == "complete"]
     nominal = next((trial for trial in known if trial.number == 0), None)
     if nominal is None:
-        raise DefinitionError(f"study '{name}' has no complete nominal trial; run it with: gtf-tune study run {name}")
+        raise DefinitionError(f"study '{name}' has no complete nominal trial; run it first", remedy=("run", name))
     if not any(trial.feasible for trial in known):
-        raise DefinitionError(without_feasible_trial(database, study.record))
+        raise without_feasible_trial(database, study.record)
     earlier = confirmations.of_study(database, study.record.id)
     return ConfirmationPlan(
         nominal, _candidates(known, nominal, top), _all_sequences(study, places), noisy_runs, len(earlier) + 1

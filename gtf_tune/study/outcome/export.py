@@ -103,7 +103,7 @@ def _flags(
 def _require_colmap(pipeline: str) -> None:
     if _COLMAP_FORMATS[0] not in formats_of(pipeline):
         raise DefinitionError(
-            f"pipeline '{pipeline}' has no COLMAP project file; export with --format json or --format csv"
+            f"pipeline '{pipeline}' has no COLMAP project file; export JSON or CSV", remedy=("format",)
         )
 
 

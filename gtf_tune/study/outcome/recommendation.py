@@ -298,18 +298,20 @@ def require_trial(database: Database, study: Study, found: Recommendation) -> Tr
     if found.trial is not None:
         return found.trial
     if found.decision == NOTHING_FEASIBLE:
-        raise StorageError(without_feasible_trial(database, study))
+        raise without_feasible_trial(database, study)
     raise StorageError(f"study '{study.name}' has no trial to use: {found.text}")
 
 
-def without_feasible_trial(database: Database, study: Study) -> str:
-    """Return why a study none of whose trials is feasible has no outcome, and what to do."""
+def without_feasible_trial(database: Database, study: Study) -> StorageError:
+    """Return the error of a study none of whose trials is feasible: why it has no outcome, and what to do."""
     name = study.name
     if study.state != "done":
-        return f"study '{name}' has no feasible trial yet; run it with: gtf-tune study run {name}"
+        return StorageError(f"study '{name}' has no feasible trial yet; run it first", remedy=("run", name))
     reasons = Counter(trial.message for trial in trials.of_study(database, study.id) if trial.message)
     reason = reasons.most_common(1)[0][0] if reasons else "no reason was stored"
-    return f"no trial of study '{name}' is feasible: {reason}; see: gtf-tune study show {name}"
+    return StorageError(
+        f"no trial of study '{name}' is feasible: {reason}; look at its trials", remedy=("show it", name)
+    )
 
 
 def _read_evidence(database: Database, study: Study) -> Evidence:

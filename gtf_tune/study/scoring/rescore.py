@@ -72,7 +72,7 @@ def rescore(database: Database, name: str, changes: Mapping[str, Any]) -> Rescor
     gtf = _changed(definition.gtf, changes)
     known = [one for one in trials.of_study(database, study.id) if one.state in ("complete", "pruned")]
     if not known or known[0].number != 0:
-        raise DefinitionError(f"study '{name}' has no complete nominal trial; run it with: gtf-tune study run {name}")
+        raise DefinitionError(f"study '{name}' has no complete nominal trial; run it first", remedy=("run", name))
     uses: dict[int, list[TrialRun]] = defaultdict(list)
     for use in runs.of_study(database, study.id):
         uses[use.number].append(use)

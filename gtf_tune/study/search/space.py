@@ -12,7 +12,7 @@ from optuna import Trial
 from optuna.distributions import BaseDistribution, CategoricalDistribution, FloatDistribution, IntDistribution
 
 from gtf_tune.definition import Axis, RangeAxis, StudyDefinition, ValuesAxis
-from gtf_tune.errors import DefinitionError, GtfTuneError
+from gtf_tune.errors import DefinitionError, GtfTuneError, first_remedy
 from gtf_tune.pipelines import OptionSpec, OptionTable, OptionValue, option_text
 
 _ROUNDING = 1e-9
@@ -90,7 +90,7 @@ def build_space(definition: StudyDefinition, table: OptionTable) -> SearchSpace:
     nominal = definition.pipeline.nominal
     faults = space_faults(definition.space, table, nominal)
     if faults:
-        raise DefinitionError("; ".join(faults))
+        raise DefinitionError("; ".join(map(str, faults)), remedy=first_remedy(faults))
     exhaustive = definition.search.sampler == "grid"
     return SearchSpace(
         tuple(
@@ -109,14 +109,14 @@ def _with_nominal(spec: OptionSpec, nominal: Mapping[str, OptionValue]) -> Optio
 
 def space_faults(
     space: Mapping[str, Axis], table: OptionTable, nominal: Mapping[str, OptionValue] = MappingProxyType({})
-) -> list[str]:
-    """Return a sentence for every axis that does not suit the pipeline and the user's baseline."""
-    faults: list[str] = []
+) -> list[GtfTuneError]:
+    """Return an error for every axis that does not suit the pipeline and the user's baseline."""
+    faults: list[GtfTuneError] = []
     for name, axis in space.items():
         try:
             _check_axis(table, name, axis, nominal)
         except GtfTuneError as error:
-            faults.append(str(error))
+            faults.append(error)
     return faults
 
 
