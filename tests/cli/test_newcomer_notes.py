@@ -133,8 +133,8 @@ def test_a_finished_study_without_a_feasible_trial_says_why_instead_of_asking_to
     for said in asked:
         assert (said.code, said.err.splitlines()[-1]) == (
             1,
-            "error: no trial of study 'small' is feasible: the analytic pipeline was told to fail; see: gtf-tune study "
-            "show small",
+            "error: no trial of study 'small' is feasible: the analytic pipeline was told to fail; look at its trials "
+            "(gtf-tune study show small)",
         )
     assert shown.err.endswith("Next: gtf-tune study report small\n")
 
