@@ -68,7 +68,7 @@ class Attempt:
         shortage = self.disks.shortage() if outcome.status != "ok" else ""
         if not shortage:
             return outcome
-        full = f"{shortage}; make room or choose another place with --cache-dir (a run failed: {outcome.error})"
+        full = f"{shortage}; make room or choose another folder for the cache (a run failed: {outcome.error})"
         return replace(outcome, error=full, cause="machine")
 
     def _ended_by(self, error: BaseException) -> RunOutcome:

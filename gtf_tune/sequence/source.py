@@ -101,5 +101,5 @@ def _write_pgm(path: Path, grey: GreyImage) -> None:
             file.write(grey.data)
     except OSError as error:
         raise MachineError(
-            f"{path}: cannot write the image ({error.strerror}); make room or choose another place with --cache-dir"
+            f"{path}: cannot write the image ({error.strerror}); make room or choose another folder for the cache"
         ) from error

@@ -22,7 +22,7 @@ def test_a_run_that_fails_on_a_full_disk_says_nothing_about_its_configuration(sm
 
     assert (outcome.status, outcome.cause) == ("failed", "machine")
     assert f"the disk of {folder}" in outcome.error
-    assert "make room or choose another place with --cache-dir" in outcome.error
+    assert "make room or choose another folder for the cache" in outcome.error
 
 
 def test_what_the_cache_can_build_again_makes_room(small_disk: SmallDisk) -> None:

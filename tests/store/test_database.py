@@ -136,7 +136,7 @@ def test_a_folder_that_may_not_be_entered_is_one_sentence(public_folder: Path, a
     path.parent.parent.chmod(0o700)
 
     assert message.startswith(str(path.parent))
-    assert message.endswith(" cannot be reached (Permission denied); give a --storage in another folder")
+    assert message.endswith(" cannot be reached (Permission denied); choose a storage in another folder")
 
 
 def test_tables_of_a_newer_version_are_refused(storage: str) -> None:

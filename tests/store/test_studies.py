@@ -50,7 +50,7 @@ def test_of_several_that_add_a_study_at_once_one_succeeds(database: Database) ->
     with ThreadPoolExecutor(6) as pool:
         said = list(pool.map(add, range(6)))
     assert said.count("room") == 1
-    assert sum("study 'room' exists already" in one and "study resume room" in one for one in said) == 5
+    assert sum("study 'room' exists already" in one and "resume or delete it" in one for one in said) == 5
 
 
 def test_an_unknown_study_shows_near_names(database: Database, make_study: MakeStudy) -> None:

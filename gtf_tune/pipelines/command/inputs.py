@@ -126,7 +126,7 @@ def _write_images(folder: Path, job: PipelineJob, names: tuple[str, ...]) -> Non
     for name, frame in zip(names, job.images.sequence.frames, strict=True):
         path = folder / name
         if not cv2.imwrite(str(path), job.images.read(frame)):
-            raise MachineError(f"{path}: cannot write the image; make room or choose another place with --cache-dir")
+            raise MachineError(f"{path}: cannot write the image; make room or choose another folder for the cache")
 
 
 def _link(link: Path, target: Path) -> None:
