@@ -32,6 +32,9 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
         "sampler": "--sampler NAME",
         "sequence": "--sequence {0}=PATH",
         "show": "gtf-tune study show NAME",
+        "show, derive or delete": (
+            "gtf-tune study show {0}, gtf-tune study extend {0} --as NEW-NAME, or gtf-tune study delete {0}"
+        ),
         "show it": "gtf-tune study show {0}",
         "storage": "--storage URL",
         "trials": "--trials N",

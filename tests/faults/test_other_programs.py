@@ -83,7 +83,9 @@ def test_a_deleted_study_says_what_is_left_of_it(database: Database, name: str) 
     DISTURBANCES[name](database)
     extend_study(database, "small", Extension(trials=NUMBER_OF_TRIALS + 1))
 
-    with pytest.raises(OptunaStudyError, match=r"another program deleted .* extend small --as NEW-NAME', or delete it"):
+    with pytest.raises(
+        OptunaStudyError, match=r"another program deleted .* derive a new study on its runs, or delete it"
+    ):
         open_study(database, "small")
 
 

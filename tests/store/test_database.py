@@ -189,9 +189,7 @@ def test_optuna_tables_of_another_revision_are_refused(storage: str) -> None:
     database = open_database(storage)
     with database.engine.begin() as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = 'v2.6.0.a'"))
-    with pytest.raises(
-        StorageError, match=r"made by an older Optuna \(revision v2\.6\.0\.a, .* 'gtf-tune storage upgrade"
-    ):
+    with pytest.raises(StorageError, match=r"made by an older Optuna \(revision v2\.6\.0\.a, .* upgrade the storage"):
         optuna_storage(database)
     database.close()
 

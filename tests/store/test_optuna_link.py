@@ -93,7 +93,7 @@ def test_tables_of_a_newer_optuna_are_refused_with_what_to_do(storage: str, chan
     database = open_database(storage)
 
     for attempt in (lambda: optuna_storage(database), lambda: upgrade_database(storage)):
-        with pytest.raises(StorageError, match=r"were made by a newer Optuna .* run pip install --upgrade optuna"):
+        with pytest.raises(StorageError, match=r"were made by a newer Optuna .* install the newer Optuna"):
             attempt()
     database.close()
 
@@ -103,9 +103,9 @@ def test_tables_of_a_newer_optuna_are_refused_with_what_to_do(storage: str, chan
     [
         (
             "UPDATE alembic_version SET version_num = 'v3.0.0.d'",
-            "older Optuna .* make a backup, then run 'gtf-tune sto",
+            "older Optuna .* make a backup, then upgrade the storage",
         ),
-        ("UPDATE alembic_version SET version_num = 'v9.9.9.a'", "newer Optuna .* run pip install --upgrade optuna"),
+        ("UPDATE alembic_version SET version_num = 'v9.9.9.a'", "newer Optuna .* install the newer Optuna"),
     ],
 )
 def test_tables_of_others_are_not_upgraded_unasked(empty_storage: str, prepare: str, reason: str) -> None:

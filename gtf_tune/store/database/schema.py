@@ -82,9 +82,9 @@ def upgrade_schema(engine: Engine, url: URL) -> None:
         _update_ours(engine)
 
 
-def _refuse(fault: str) -> None:
-    if fault:
-        raise StorageError(fault)
+def _refuse(fault: StorageError | None) -> None:
+    if fault is not None:
+        raise fault
 
 
 def _update_ours(engine: Engine) -> None:

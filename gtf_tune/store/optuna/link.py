@@ -122,7 +122,7 @@ def check_directions(database: Database, storage: "RDBStorage", optuna_id: int, 
     if directions != ["minimize"]:
         raise OptunaStudyError(
             f"the Optuna study '{name}' in {database.shown_url} is to {' and '.join(directions)}, but gtf-tune's "
-            "studies are to minimize one value; choose another name or --storage"
+            "studies are to minimize one value; choose another name, or another storage"
         )
 
 
@@ -189,9 +189,8 @@ def _copy_of(database: Database, storage: "RDBStorage", study: "Study") -> int:
         )
     raise OptunaStudyError(
         f"another program deleted the Optuna study of '{study.name}' in {database.shown_url}, or trials of it, so that "
-        f"it cannot go on; its scores and runs are kept: see 'gtf-tune study show {study.name}', begin a study on the "
-        f"same runs with 'gtf-tune study extend {study.name} --as NEW-NAME', or delete it with 'gtf-tune study delete "
-        f"{study.name}'"
+        "it cannot go on; its scores and runs are kept: look at them, derive a new study on its runs, or delete it",
+        remedy=("show, derive or delete", study.name),
     )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from sqlalchemy import Engine, column, inspect, select, table
 
+from gtf_tune.errors import StorageError
 from gtf_tune.store.database.engine import READ_ONLY
 
 _REVISIONS = table("alembic_version", column("version_num"))
@@ -48,28 +49,30 @@ class OptunaRevision:
         # Optuna counts by Alembic since 0.10; it takes tables without a revision for its own if the other count agrees.
         return self.revisions != _known_revisions()[:1] if self.revisions else self.schema_version != SCHEMA_VERSION
 
-    def fault(self, shown_url: str) -> str:
-        """Return what a user must do about these tables, or an empty text where the installed Optuna works on them."""
+    def fault(self, shown_url: str) -> StorageError | None:
+        """Return the error of these tables, with what to do about it, or None if the installed Optuna works on them."""
         import optuna
 
         if self.revisions and not self.exist:
-            return (
+            return StorageError(
                 f"{shown_url} holds the table {_REVISIONS.name} of another program, which Optuna needs for itself; "
-                "give a database of its own as --storage"
+                "choose a database of its own",
+                remedy=("storage",),
             )
         revision = ", ".join(self.revisions) or "none"
         if self.is_newer:
-            return (
+            return StorageError(
                 f"the Optuna tables in {shown_url} were made by a newer Optuna (revision {revision}, this is Optuna "
-                f"{optuna.__version__}); run pip install --upgrade optuna"
+                f"{optuna.__version__}); install the newer Optuna"
             )
         if self.is_older:
-            return (
+            return StorageError(
                 f"the Optuna tables in {shown_url} were made by an older Optuna (revision {revision}, this is Optuna "
                 f"{optuna.__version__}); programs that still use that one cannot read them after an upgrade, so make a "
-                f"backup, then run 'gtf-tune storage upgrade --storage {shown_url}', or give another --storage"
+                "backup, then upgrade the storage, or choose another one",
+                remedy=("upgrade", shown_url),
             )
-        return ""
+        return None
 
 
 def optuna_revision(engine: Engine) -> OptunaRevision:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from sqlalchemy import Table, delete
 
-from gtf_tune.errors import OptunaStudyError, StorageError
+from gtf_tune.errors import OptunaStudyError
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.engine import shared_arguments
 from gtf_tune.store.database.schema import optuna_url
@@ -43,8 +43,8 @@ def optuna_storage(database: Database, *, of_search: bool = False) -> "RDBStorag
     from gtf_tune.store.optuna.retrying_storage import RetryingStorage
 
     fault = with_optuna(database, lambda: optuna_revision(database.engine).fault(database.shown_url))
-    if fault:
-        raise StorageError(fault)
+    if fault is not None:
+        raise fault
     return with_optuna(
         database,
         lambda: RetryingStorage(
