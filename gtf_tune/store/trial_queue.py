@@ -48,7 +48,7 @@ def this_worker(name: str = "") -> Worker:
 
 
 def has_died(worker: Worker) -> bool:
-    """Tell whether a worker's process is known to be gone; false where this machine cannot know."""
+    """Return True if a worker's process is known to be gone; False where this machine cannot know."""
     if worker.machine != _machine(socket.gethostname()):
         return False
     return _start_of(worker.pid) != worker.pid_started

@@ -38,7 +38,7 @@ _FEWEST_FOR_FIT = 3
 
 @dataclass(frozen=True)
 class NoiseLevel:
-    """Hold the runs of one sigma.
+    """Runs with noise of one sigma.
 
     ``score`` is the geometric mean over noise instances, ``spread`` the standard deviation of their logarithms; NaN
     where runs failed. ``collapsed`` counts runs that fell apart, ``failed`` those without a usable trajectory.
@@ -54,13 +54,13 @@ class NoiseLevel:
 
     @property
     def is_sound(self) -> bool:
-        """Tell whether every run worked."""
+        """Whether every run worked."""
         return not self.collapsed and not self.failed and math.isfinite(self.score)
 
 
 @dataclass(frozen=True)
 class Line:
-    """Hold a straight line fitted by least squares, and the share of the variance that it explains.
+    """Straight line fitted by least squares, and the share of the variance that it explains.
 
     ``r_squared`` is NaN for fewer than three points: a line through two of them explains everything and says nothing.
     """
@@ -72,7 +72,7 @@ class Line:
 
 @dataclass(frozen=True)
 class NoiseScale:
-    """Hold a ladder of noise levels with what follows from it.
+    """Ladder of noise levels with what follows from it.
 
     ``responses`` (per grey level) and ``ratios`` (signal over run-to-run spread) belong to the levels, NaN where the
     score does not rise above the floor. ``linear`` says which levels are in the linear range. The two lines are fitted
@@ -125,7 +125,7 @@ def noise_scale(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseScale:
 
 
 def is_open(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> bool:
-    """Tell whether stronger noise may change the recommendation: the linear range has not begun or not ended."""
+    """Return True if stronger noise may change the recommendation: the linear range has not begun or not ended."""
     base = _believed(floor, levels)
     linear = _linear_range(levels, [_response(one, base) for one in levels])
     return not any(linear) or linear[-1]

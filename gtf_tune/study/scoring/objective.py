@@ -27,7 +27,7 @@ _MOST_DIGITS = 6
 
 @dataclass(frozen=True)
 class CoverageFloor:
-    """Hold the least coverage, a fraction of the frames, that clean and noisy runs must reach."""
+    """Least coverage, a fraction of the frames, that clean and noisy runs must reach."""
 
     clean: float
     noisy: float

@@ -9,7 +9,7 @@ from gtf_tune.store.trials import Effort
 
 @dataclass(frozen=True)
 class Savings:
-    """Hold the runs of finished trials, over all sequences: asked for, and spared by each way to end a trial early.
+    """Runs of finished trials, over all sequences: asked for, and spared by each way to end a trial early.
 
     ``full`` is what the trials would have taken with all of their runs. ``by_sizing`` and ``by_pruner`` were spared on
     trials that were stopped early, ``by_coverage`` on infeasible ones. Runs that were stored before count as asked for.
