@@ -1,5 +1,6 @@
 """Give the tests of the store fresh databases on SQLite and PostgreSQL, and small values to put into them."""
 
+import multiprocessing
 import os
 import shutil
 import subprocess
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from sqlalchemy import create_engine, make_url, text
 
+from gtf_tune.errors import StorageError
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database, create_database, open_database
@@ -25,6 +27,39 @@ BACKENDS = ("sqlite", "postgresql")
 _SETTINGS = (
     "-c listen_addresses='' -c fsync=off -c full_page_writes=off -c synchronous_commit=off -c max_connections=120"
 )
+
+
+def _answer_as_nobody(work: Callable[[], object], answers: "multiprocessing.Queue[str]") -> None:
+    if os.geteuid() == 0:
+        os.setuid(65534)
+    try:
+        answers.put(str(work()))
+    except StorageError as error:
+        answers.put(str(error))
+
+
+def as_nobody(work: Callable[[], object]) -> str:
+    """Return as text what ``work`` returns without the rights of root, or the message of the error that it ends with.
+
+    Modules that it imports must be imported already: nobody may be unable to read them.
+    """
+    context = multiprocessing.get_context("fork")
+    answers: multiprocessing.Queue[str] = context.Queue()
+    process = context.Process(target=_answer_as_nobody, args=(work, answers))
+    process.start()
+    process.join()
+    assert process.exitcode == 0
+    return answers.get()
+
+
+@pytest.fixture
+def public_folder() -> Iterator[Path]:
+    """Yield a folder that everybody may enter: into those of pytest only their owner may."""
+    folder = Path(tempfile.mkdtemp(prefix="gtf-public-", dir="/tmp"))
+    folder.chmod(0o755)
+    yield folder
+    folder.chmod(0o755)
+    shutil.rmtree(folder)
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,8 @@
 import multiprocessing
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,6 +11,7 @@ from sqlalchemy import inspect, make_url, text
 from gtf_tune.errors import StorageError
 from gtf_tune.store.database import connect, create_database, open_database, schema, upgrade_database
 from gtf_tune.store.optuna.tables import optuna_storage
+from tests.store.conftest import as_nobody
 
 
 def test_creating_makes_our_tables_beside_optunas(empty_storage: str) -> None:
@@ -81,46 +80,10 @@ def test_a_file_of_something_else_is_refused_and_kept(tmp_path: Path, action: Ca
     assert path.read_text() == "name = 'a study'\n" * 100
 
 
-def _use_as_nobody(path: str, action: Callable[[str], object], messages: "multiprocessing.Queue[str]") -> None:
-    if os.geteuid() == 0:
-        os.setuid(65534)
-    try:
-        action(path)
-        messages.put("")
-    except StorageError as error:
-        messages.put(str(error))
-
-
-def _said_to_nobody(path: Path, action: Callable[[str], object]) -> str:
-    """Return the sentence that an action ends with where it has not the rights of root."""
-    context = multiprocessing.get_context("fork")
-    messages: multiprocessing.Queue[str] = context.Queue()
-    process = context.Process(target=_use_as_nobody, args=(str(path), action, messages))
-    process.start()
-    process.join()
-    assert process.exitcode == 0
-    return messages.get()
-
-
-@pytest.fixture
-def public_folder() -> Iterator[Path]:
-    """Yield a folder that everybody may enter: into those of pytest only their owner may."""
-    folder = Path(tempfile.mkdtemp(prefix="gtf-public-", dir="/tmp"))
-    folder.chmod(0o755)
-    yield folder
-    folder.chmod(0o755)
-    shutil.rmtree(folder)
-
-
-@pytest.mark.parametrize("action", [open_database, create_database])
-def test_a_read_only_folder_is_one_sentence(
-    sqlite_template: Path, public_folder: Path, action: Callable[[str], object]
-) -> None:
-    name = "new.db" if action is create_database else "old.db"
-    (public_folder / "old.db").write_bytes(sqlite_template.read_bytes())
+def test_creating_in_a_read_only_folder_is_one_sentence(public_folder: Path) -> None:
     public_folder.chmod(0o555)
 
-    message = _said_to_nobody(public_folder / name, action)
+    message = as_nobody(lambda: create_database(f"{public_folder}/new.db"))
 
     assert "cannot be" in message
     assert str(public_folder) in message
@@ -132,7 +95,7 @@ def test_a_folder_that_may_not_be_entered_is_one_sentence(public_folder: Path, a
     path.parent.mkdir(parents=True)
     path.parent.parent.chmod(0o700 if os.geteuid() == 0 else 0o000)
 
-    message = _said_to_nobody(path, action)
+    message = as_nobody(lambda: action(str(path)))
     path.parent.parent.chmod(0o700)
 
     assert message.startswith(str(path.parent))

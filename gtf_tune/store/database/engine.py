@@ -1,12 +1,14 @@
 """Make SQLAlchemy engines that stand many processes on one database."""
 
+from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy import Connection, Engine, NullPool, create_engine, event
 from sqlalchemy.dialects import plugins
 from sqlalchemy.engine import URL, CreateEnginePlugin
 
 from gtf_tune.errors import StorageError
+from gtf_tune.store.database.read_only import ReadOnlyConnection, can_write, connect_read_only
 
 READ_ONLY = "gtf_tune_read_only"
 _LOCK_TIMEOUT_S = 60
@@ -37,15 +39,17 @@ class Tuning(CreateEnginePlugin):
 def _tune_sqlite(connection: Any, _: object) -> None:
     # Else the driver opens transactions by itself, and too late: at the first write (see `_begin_sqlite`).
     connection.isolation_level = None
+    settings = ["journal_mode = WAL", "synchronous = NORMAL", "foreign_keys = ON"]
     cursor = connection.cursor()
-    for setting in ("journal_mode = WAL", "synchronous = NORMAL", "foreign_keys = ON"):
+    for setting in settings[1:] if isinstance(connection, ReadOnlyConnection) else settings:
         cursor.execute(f"PRAGMA {setting}")
     cursor.close()
 
 
 def _begin_sqlite(connection: Connection) -> None:
     """Take the write lock at the start: taken after a first SELECT it can fail, or two writers see one state."""
-    reading = connection.get_execution_options().get(READ_ONLY, False)
+    read_only = isinstance(connection.connection.dbapi_connection, ReadOnlyConnection)
+    reading = read_only or connection.get_execution_options().get(READ_ONLY, False)
     connection.exec_driver_sql("BEGIN" if reading else "BEGIN IMMEDIATE")
 
 
@@ -75,6 +79,8 @@ def untuned_arguments(url: URL) -> dict[str, Any]:
 def make_engine(url: URL) -> Engine:
     """Return a tuned engine; connects to nothing yet.
 
+    That of a SQLite file that cannot be written to opens it anew for each transaction: only so are later changes seen.
+
     Raises
     ------
     StorageError
@@ -82,8 +88,15 @@ def make_engine(url: URL) -> Engine:
     """
     plugins.register(_PLUGIN, __name__, Tuning.__name__)
     try:
-        return create_engine(url, plugins=[_PLUGIN], **untuned_arguments(url))
+        return create_engine(url, plugins=[_PLUGIN], **untuned_arguments(url), **_read_only_arguments(url))
     except ModuleNotFoundError as error:
         raise StorageError(
             f"storage on PostgreSQL needs the driver '{error.name}'; run pip install 'gtf-tune[postgres]'"
         ) from error
+
+
+def _read_only_arguments(url: URL) -> dict[str, Any]:
+    path = Path(str(url.database))
+    if url.get_backend_name() != "sqlite" or can_write(path):
+        return {}
+    return {"creator": lambda: connect_read_only(path, _LOCK_TIMEOUT_S), "poolclass": NullPool}

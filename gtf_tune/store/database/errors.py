@@ -30,7 +30,10 @@ _SQLITE_ADVICE = {
     SQLITE_FULL: "could not be written because the disk is full; free some space, then resume",
     SQLITE_IOERR: "could not be read or written by the operating system; check the disk, then resume",
     SQLITE_NOTADB: "is not a SQLite database; choose another storage",
-    SQLITE_READONLY: "cannot be written to; check the permissions of the file and of its folder",
+    SQLITE_READONLY: (
+        "cannot be written to; get write permission for the file and its folder, or copy the file to a folder of yours "
+        "and work on the copy"
+    ),
 }
 
 # PostgreSQL's classes of errors: https://www.postgresql.org/docs/current/errcodes-appendix.html

@@ -85,7 +85,7 @@ def delete_linked(database: Database, study: "Study") -> None:
     """Delete the Optuna study of a study with its trials, if it is still there under whatever name."""
     storage = optuna_storage(database)
     try:
-        storage.delete_study(_find(database, storage, study))
+        with_optuna(database, lambda: storage.delete_study(_find(database, storage, study)))
     except (KeyError, OptunaStudyError):
         return
 
