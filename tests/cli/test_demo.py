@@ -30,5 +30,5 @@ def test_the_outcome_of_the_demo_stands_beside_the_truth(
     assert rows["0.01"] == "nominal"
     assert rows[str(((found.trial and found.trial.options) or {})[OPTION])] == "best"
     assert found.headline in out
-    assert "true ATE of that trial, which the search never saw: -" in out
+    assert "ground-truth ATE of that trial, which the search never saw: -" in out
     assert "rank correlation of GTF ATE and true ATE over 3 trials: +" in out
