@@ -2,9 +2,10 @@ import http.client
 import json
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import optuna
 import pytest
 
 from gtf_tune.errors import DefinitionError
@@ -14,6 +15,7 @@ from gtf_tune.report.dashboard.server import DashboardServer, serve_dashboard
 from gtf_tune.report.dashboard.sync import DashboardSync
 from gtf_tune.report.dashboard.writer import artifact_folder
 from gtf_tune.store.database import Database
+from gtf_tune.store.optuna.tables import optuna_storage
 
 
 @pytest.fixture
@@ -53,9 +55,38 @@ def test_the_dashboard_serves_what_the_sync_wrote(own_database: Database, server
     trial = study["trials"][3]
     artifact = next(one for one in trial["artifacts"] if one["filename"] == "walk.svg")
 
-    assert study["objective_names"] == ["GTF ATE / extent"]
+    assert study["objective_names"] == ["GTF ATE [‰ of extent]"]
+    assert trial["values"] == [3.42949]
+    assert {"key": "gtf_ate [‰ of extent]", "value": "3.42949"} in trial["user_attrs"]
+    assert study["user_attrs"][0]["key"] == "read first"
+    assert "/dashboard/studies/1/note" in study["user_attrs"][0]["value"]
     assert "against nominal -38.0 % (95 % interval " in trial["note"]["body"]
     assert get(server, f"/artifacts/1/{trial['trial_id']}/{artifact['artifact_id']}")[1].startswith("<svg")
+
+
+def test_the_best_trial_of_the_dashboard_is_the_recommended_one(
+    own_database: Database, server: DashboardServer, confirm_study: Callable[[Database, str], None]
+) -> None:
+    before = json.loads(get(server, "/api/studies/1")[1])["best_trials"]
+    confirm_study(own_database, "keep nominal")
+    after = json.loads(get(server, "/api/studies/1")[1])["best_trials"]
+
+    assert [trial["number"] for trial in (*before, *after)] == [3, 0]
+
+
+def test_scores_that_are_ratios_are_shown_as_they_are_stored(server: DashboardServer) -> None:
+    study = json.loads(get(server, "/api/studies/2")[1])
+
+    assert study["trials"][0]["values"] == [1.0]
+
+
+def test_a_study_that_is_not_ours_is_shown_as_it_is(own_database: Database, server: DashboardServer) -> None:
+    foreign = optuna.create_study(study_name="foreign", storage=optuna_storage(own_database))
+    foreign.add_trial(optuna.trial.create_trial(value=0.25))
+
+    study = json.loads(get(server, f"/api/studies/{foreign._study_id}")[1])
+
+    assert study["trials"][0]["values"] == [0.25]
 
 
 def test_a_page_under_another_name_gets_no_answer(server: DashboardServer) -> None:

@@ -266,7 +266,7 @@ def test_a_confirmed_study_says_so_in_its_note(
     assert notes_of_study(own_database).startswith("# Adopt the options of trial 3")
 
 
-@pytest.mark.parametrize(("study", "limit"), [("synthetic", "1"), ("two", "1000000")])
+@pytest.mark.parametrize(("study", "limit"), [("synthetic", "1 (1000 ‰ of extent)"), ("two", "1000000")])
 def test_the_note_of_a_study_names_the_value_from_which_trials_are_infeasible(
     database: Database, study: str, limit: str
 ) -> None:

@@ -126,7 +126,13 @@ def test_the_report_has_no_serious_fault_of_accessibility(shown: str) -> None:
 def test_the_dashboard_shows_our_figures_and_values(dashboard: str, load: Load) -> None:
     page = load(dashboard)
 
-    for words in ("GTF vs ground truth", "filter.max_error", "least true ATE: 0.002", "GTF ATE / extent", "nominal"):
+    for words in (
+        "GTF vs ground truth",
+        "filter.max_error",
+        "least true ATE: 0.002",
+        "GTF ATE [‰ of extent]",
+        "nominal",
+    ):
         assert words in page
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from gtf_tune.definition import RangeAxis
 from gtf_tune.display import (
     UNKNOWN,
+    ScoreUnit,
     count,
     definition_unit,
     interval,
@@ -155,7 +156,7 @@ def _reading(data: StudyData) -> str:
             f"- **Trial 0** has the nominal options ({nominal_text(data.definition)}), and is what every improvement "
             "is measured against.",
             "- `improvement_percent` compares a trial with trial 0 noise instance by noise instance; above 0: better.",
-            f"- A trial with a value of {infeasible_from:.7g} or more is **infeasible**: a run failed or "
+            f"- A trial with a value of {_penalties(infeasible_from, unit)} or more is **infeasible**: a run failed or "
             "registered too few frames; the value is a penalty that keeps samplers away. Switch *Log y scale* on, or "
             "look at the figures instead.",
             f"- `{side.key}` is the error against **ground truth** where there is one ({side.words} "
@@ -164,11 +165,16 @@ def _reading(data: StudyData) -> str:
     )
 
 
+def _penalties(stored: float, unit: ScoreUnit) -> str:
+    """Return the smallest penalty as it is stored, and as `gtf-tune dashboard` shows it where that differs."""
+    return f"{stored:.7g}" if unit.factor == 1 else f"{stored:.7g} ({unit.shown(stored):.7g} {unit.symbol})"
+
+
 def _stored_unit(data: StudyData) -> str:
     if data.has_several_sequences:
         return "ratio to nominal, the geometric mean over the sequences"
     return (
-        "fraction of the trajectory's extent"
+        "fraction of the trajectory's extent, of which `gtf-tune dashboard` shows per mille"
         if definition_unit(data.definition).factor != 1
         else "number in its own unit"
     )

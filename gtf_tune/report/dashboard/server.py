@@ -12,6 +12,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 import optuna_dashboard
 
 from gtf_tune.errors import DefinitionError, OptunaStudyError
+from gtf_tune.report.dashboard.shown_values import show_values
 from gtf_tune.report.dashboard.upkeep import Upkeep
 from gtf_tune.report.dashboard.writer import artifact_folder, artifact_store
 from gtf_tune.store import studies
@@ -53,7 +54,7 @@ def serve_dashboard(
     ):
         if host not in _LOOPBACK:
             announce(f"warning: anybody who can reach {host} can change and delete studies; prefer an ssh tunnel")
-        announce(f"dashboard of {database.shown_url}: {server.link} (Ctrl-C ends it)")
+        announce(f"dashboard of {database.shown_url}: {server.link} (begin with a study's page Note; Ctrl-C ends it)")
         if open_browser:
             webbrowser.open(server.link)
         try:
@@ -75,7 +76,7 @@ class DashboardServer:
         self, database: Database, host: str = DEFAULT_HOST, port: int = DEFAULT_PORT, artifacts: Path | None = None
     ) -> None:
         application = optuna_dashboard.wsgi(
-            optuna_storage(database), artifact_store=_store(artifact_folder(database, artifacts))
+            show_values(optuna_storage(database), database), artifact_store=_store(artifact_folder(database, artifacts))
         )
         if host in _LOOPBACK:
             application = _refuse_other_names(application)

@@ -201,6 +201,7 @@ def _study_files(data: StudyData) -> list[Attachment]:
 
 def _facts(data: StudyData) -> dict[str, str]:
     return {
+        "read first": f"the page Note: /dashboard/studies/{data.study.optuna_study_id}/note",
         "pipeline": data.definition.pipeline.name,
         "sequences": ", ".join(one.name for one in data.sequences),
         "verdict": data.recommendation.headline,
