@@ -103,6 +103,16 @@ def read_table(text: str, path: Path, delimiter: str | None = None) -> Table:
     return Table(tuple(headers), tuple((where, _cut(content, separator)) for where, content in lines), separator)
 
 
+def time_column(header: str, count: int) -> tuple[int, str] | None:
+    """Return the one of ``count`` columns that a header calls a time, and its unit, empty where it does not say it.
+
+    ``None`` where no column is called so, or several are.
+    """
+    units = [_unit(name) for name in _names(header, ",", count)]
+    found = [(column, unit) for column, unit in enumerate(units) if unit is not None]
+    return found[0] if len(found) == 1 else None
+
+
 def _has_only_words(line: str, delimiter: str | None) -> bool:
     words = line.replace(delimiter, " ") if delimiter else line
     return not any(_is_number(token) for token in re.split(r"[\s,;|]+", words))

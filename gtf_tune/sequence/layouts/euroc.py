@@ -17,13 +17,12 @@ from gtf_tune.sequence.layouts.base import (
     Layout,
     Reading,
     Recording,
-    check_unique,
     naming,
     one_camera,
 )
 from gtf_tune.sequence.layouts.fields import Field, read_yaml
 from gtf_tune.sequence.layouts.ground_truth import Notes, check_near, poses_by_timestamp
-from gtf_tune.sequence.layouts.tables import find_listed, read_rows, to_nanoseconds
+from gtf_tune.sequence.layouts.image_lists import read_image_list
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 
@@ -51,7 +50,7 @@ def _base(root: Path) -> Path:
 
 def _read(root: Path, _: Reading) -> Recording:
     camera = _base(root) / "cam0"
-    frames = _read_frames(camera / "data.csv")
+    frames = read_image_list(camera / "data.csv", camera / "data", "ns")
     sensor = camera / "sensor.yaml"
     ground_truth, notes, files = _read_ground_truth(root, frames, sensor)
     return Recording(
@@ -61,21 +60,6 @@ def _read(root: Path, _: Reading) -> Recording:
         notes=notes,
         files=(camera / "data.csv", sensor, *files),
     )
-
-
-def _read_frames(path: Path) -> tuple[Frame, ...]:
-    frames: list[Frame] = []
-    for line, fields in read_rows(path, separator=","):
-        if len(fields) != 2:
-            raise SequenceError(
-                f"{path}:{line}: expected 'nanoseconds,image', found {len(fields)} fields; correct the line"
-            )
-        image = find_listed(path.parent / "data", fields[1], path)
-        frames.append(Frame(len(frames), image, to_nanoseconds(fields[0], path, line)))
-    if not frames:
-        raise SequenceError(f"{path}: lists no images; give a sequence that has some")
-    check_unique(tuple(frames), path)
-    return tuple(frames)
 
 
 def _read_ground_truth(

@@ -12,30 +12,13 @@ from gtf_tune.sequence.layouts.base import (
     Layout,
     Reading,
     Recording,
-    check_unique,
     naming,
     one_camera,
 )
 from gtf_tune.sequence.layouts.ground_truth import poses_by_timestamp
-from gtf_tune.sequence.layouts.tables import find_listed, read_numbers, read_rows, shortened, to_numbers
-from gtf_tune.sequence.value import Frame
+from gtf_tune.sequence.layouts.image_lists import read_image_list
+from gtf_tune.sequence.layouts.tables import read_numbers
 from gtf_tune.trajectory import Trajectory, read_trajectory
-
-
-def read_image_list(path: Path) -> tuple[Frame, ...]:
-    """Return the frames of a file of lines ``timestamp image``, whose images are relative to the file's folder."""
-    frames: list[Frame] = []
-    for line, fields in read_rows(path, columns=2):
-        if len(fields) != 2:
-            raise SequenceError(
-                f"{path}:{line}: expected 'timestamp image', found '{shortened(' '.join(fields))}'; correct the line"
-            )
-        stamp = to_numbers(fields[:1], path, line)[0]
-        frames.append(Frame(len(frames), find_listed(path.parent, fields[1], path), stamp))
-    if not frames:
-        raise SequenceError(f"{path}: lists no images; give a sequence that has some")
-    check_unique(tuple(frames), path)
-    return tuple(frames)
 
 
 def _read_intrinsics(path: Path, image: Path) -> Intrinsics:
@@ -50,7 +33,7 @@ def _read_intrinsics(path: Path, image: Path) -> Intrinsics:
 
 
 def _read(root: Path, _: Reading) -> Recording:
-    frames = read_image_list(root / "rgb.txt")
+    frames = read_image_list(root / "rgb.txt", root, "s")
     calibration, poses = root / "calibration.txt", root / "groundtruth.txt"
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = ()
