@@ -62,7 +62,7 @@ def test_a_paused_study_is_not_run_until_it_is_resumed(cli: Cli, room: Path) -> 
     resumed = cli("study", "resume", "small", "--jobs", "1")
 
     assert (refused.code, resumed.code) == (1, 0)
-    assert refused.err.splitlines()[-1] == "error: study 'small' is paused; open it with 'gtf-tune study resume small'"
+    assert refused.err.splitlines()[-1] == "error: study 'small' is paused; resume it (gtf-tune study resume small)"
     assert "2/2" in resumed.err
 
 

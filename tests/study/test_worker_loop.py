@@ -89,8 +89,7 @@ def test_a_study_whose_images_are_missing_is_left_to_others_with_the_reason(
     (said,) = serve(database)
 
     assert said == (
-        f"study 'small' is left to other workers: sequence 'room' is not at {room} on this machine; give its place "
-        "with --sequence room=PATH"
+        f"study 'small' is left to other workers: sequence 'room' is not at {room} on this machine; say where it lies"
     )
     assert states(database) == {"small": "open"}
 
