@@ -51,6 +51,18 @@ def load_stored_sequence(definition: SequenceDefinition, stored: StudySequence, 
     return sequence, ""
 
 
+def load_stored_images(definition: SequenceDefinition, stored: StudySequence, folder: Path) -> Sequence:
+    """Load a sequence of a stored study to look at its images: without its camera, and whatever its pixels are now.
+
+    Raises
+    ------
+    SequenceError
+        The images cannot be read here.
+    """
+    rules = int(stored.info.get("loading_rules", _FIRST_RULES))
+    return _load(definition.model_copy(update={"camera": _UNKNOWN}), folder, rules)
+
+
 def sequence_row(path: str, sequence: Sequence) -> StudySequence:
     """Return what is stored of a sequence with a study, so that the study keeps it."""
     prior = {} if sequence.focal_prior is None else {"focal_prior": sequence.focal_prior}

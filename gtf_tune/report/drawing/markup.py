@@ -18,6 +18,13 @@ def element(tag: str, *children: Html, **attributes: str) -> Html:
     return Html(f"<{tag}{named}>{''.join(children)}</{tag}>")
 
 
+def image(source: str, description: str) -> Html:
+    """Return an image that is loaded when it comes into view; ``description`` is what a screen reader says."""
+    return Html(
+        f'<img src="{escape(source)}" alt="{escape(description)}" title="{escape(description)}" loading="lazy">'
+    )
+
+
 def joined(parts: Iterable[Html]) -> Html:
     """Return the parts one after the other."""
     return Html("\n".join(parts))

@@ -11,6 +11,7 @@ KINDS = (
     "trajectories",
     "matrices",
     "frames",
+    "images",
     "search",
     "trials",
     "coverage",
