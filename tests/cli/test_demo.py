@@ -31,4 +31,4 @@ def test_the_outcome_of_the_demo_stands_beside_the_truth(
     assert rows[str(((found.trial and found.trial.options) or {})[OPTION])] == "best"
     assert found.headline in out
     assert "ground-truth ATE of that trial, which the search never saw: -" in out
-    assert "rank correlation of GTF ATE and true ATE over 3 trials: +" in out
+    assert "rank correlation of GTF ATE and ground-truth ATE over 3 trials: +" in out
