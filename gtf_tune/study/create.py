@@ -12,7 +12,7 @@ from optuna.exceptions import ExperimentalWarning
 from pydantic import TypeAdapter, ValidationError
 
 from gtf_tune.definition import Axis, StudyDefinition, definition_from_dict, dump_definition
-from gtf_tune.errors import DefinitionError, GtfTuneError, SequenceError, first_remedy
+from gtf_tune.errors import DefinitionError, GtfTuneError, OptunaStudyError, SequenceError, first_remedy
 from gtf_tune.pipelines import OptionTable, OptionValue, Pipeline, create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
@@ -114,7 +114,11 @@ def _refuse_same_images(sequences: Iterable[Sequence]) -> None:
 
 def _optuna_study(database: Database, name: str) -> int:
     """Create the Optuna study of a new study, and name what its values are."""
-    created = create_optuna_study(database, name)
+    try:
+        created = create_optuna_study(database, name)
+    except OptunaStudyError:
+        refuse_taken_name(database, name)  # another process may just have created it
+        raise
     study = optuna.load_study(study_name=name, storage=optuna_storage(database))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ExperimentalWarning)

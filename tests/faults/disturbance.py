@@ -200,14 +200,15 @@ def _optuna_trials(database: Database) -> int:
 
 
 def stored(database: Database) -> set[str]:
-    """Return the identities of all stored runs that trials may use."""
+    """Return the identities of all stored runs that trials may use: those that this machine spoiled are made again."""
     from sqlalchemy import select
 
     from gtf_tune.store.database import models
     from gtf_tune.store.database.session import columns_of, read_rows
 
     found = [runs.StoredRun(*row) for row in read_rows(database, select(*columns_of(models.Run, runs.StoredRun)))]
-    return {counted.identity(run.seed, run.noise_seed, run.options) for run in found}
+    usable = [run for run in found if run.diagnostics.get("failure") != "machine"]
+    return {counted.identity(run.seed, run.noise_seed, run.options) for run in usable}
 
 
 def is_running(process: psutil.Process) -> bool:

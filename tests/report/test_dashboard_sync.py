@@ -194,7 +194,7 @@ def test_a_fault_of_the_database_is_one_line(own_database: Database, monkeypatch
     monkeypatch.setattr(attachments, "key_figures", refuse)
     DashboardSync(own_database, "synthetic", warn=warnings.append, refresh_s=0.0).bring_up_to_date()
 
-    assert "refused a request: went away; run" in warnings[0]
+    assert "refused a request: went away; check the storage" in warnings[0]
     assert "\n" not in warnings[0]
     assert "SELECT" not in warnings[0]
 

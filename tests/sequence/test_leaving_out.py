@@ -62,7 +62,7 @@ def nested(tmp_path):
 
 
 def test_images_in_subfolders_alone_are_named_with_the_way_out(nested):
-    with pytest.raises(SequenceError, match=r"in subfolders: a/ \(1\), a/deep/ \(1\), b/ \(2\); .* --recursive"):
+    with pytest.raises(SequenceError, match=r"in subfolders: a/ \(1\), a/deep/ \(1\), b/ \(2\); .* recursive = true"):
         load_sequence(nested)
 
 

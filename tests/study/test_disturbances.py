@@ -206,8 +206,10 @@ class EndedWithItsHost(InlineExecutor):
         super().__init__()
         self._stop = stop
 
-    def submit(self, request: RunRequest, limits: RunLimits) -> "Future[RunOutcome]":
-        future = super().submit(request, limits)
+    def submit(
+        self, request: RunRequest, limits: RunLimits, known_good: RunRequest | None = None
+    ) -> "Future[RunOutcome]":
+        future = super().submit(request, limits, known_good)
         if len(self.executed) < 5:
             return future
         self._stop.ask(FINISH_RUNS)

@@ -50,11 +50,6 @@ def lose_a_run(database: Database) -> None:
     write(database, lambda session: session.execute(again))
 
 
-def rename_in_optuna(database: Database) -> None:
-    with database.engine.begin() as connection:
-        connection.exec_driver_sql("UPDATE studies SET study_name = 'renamed' WHERE study_name = 'bad'")
-
-
 def ask_for_endless_memory(database: Database) -> None:
     row = studies.get(database, "bad")
     definition = row.definition.replace('"run_memory_gb": 8.0', '"run_memory_gb": 1e300')
@@ -62,7 +57,7 @@ def ask_for_endless_memory(database: Database) -> None:
     studies.replace_definition(database, row.id, definition)
 
 
-@pytest.mark.parametrize("harm", [lose_a_run, rename_in_optuna, ask_for_endless_memory])
+@pytest.mark.parametrize("harm", [lose_a_run, ask_for_endless_memory])
 def test_a_study_that_cannot_be_worked_on_is_set_aside_and_the_others_are_served(
     database: Database, room: Path, harm: Any
 ) -> None:
