@@ -94,7 +94,9 @@ _STORAGE = {
         "storage:check",
     ),
     "upgrade": Entry(
-        "Commands", "Bring the tables of an older storage to this version; make a backup first.", "storage:upgrade"
+        "Commands",
+        "Bring the tables of an older storage, and those of Optuna in it, to this version.",
+        "storage:upgrade",
     ),
     "copy": Entry(
         "Commands",
