@@ -87,7 +87,9 @@ def test_a_place_for_a_sequence_that_the_study_has_not_is_refused(cli: Cli, room
     said = cli("study", "run", "small", "--sequence", "rom=room")
 
     assert said.code == 1
-    assert said.err.splitlines()[-1] == "error: --sequence rom=PATH: study 'small' has only room"
+    assert said.err.splitlines()[-1] == (
+        "error: study 'small' has no sequence 'rom', only room; name one of these (--sequence room=PATH)"
+    )
 
 
 def test_a_data_root_that_does_not_exist_is_a_usage_error(cli: Cli, room: Path) -> None:
