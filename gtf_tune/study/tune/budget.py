@@ -101,11 +101,6 @@ class Budget:
         plans = [self._plan(full, full.scaled(reduction), reduction) for reduction in REDUCTIONS]
         return next((plan for plan in plans if self._fits(plan)), plans[-1])
 
-    def seconds_needed(self, full: RunPrice) -> float:
-        """Return the wall time below which not even the first configurations are tried on the most reduced images."""
-        last = REDUCTIONS[-1]
-        return (self._first_trials(full.scaled(last)) + self._write(full)) / _IN_TIME
-
     def _plan(self, full: RunPrice, price: RunPrice, reduction: Reduction) -> Plan:
         write = self._write(full)
         first = self._first_trials(price)
