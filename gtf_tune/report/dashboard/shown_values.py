@@ -13,6 +13,7 @@ from gtf_tune.display import ScoreUnit, definition_unit
 from gtf_tune.errors import GtfTuneError
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
+from gtf_tune.store.optuna.trials import study_id_of
 from gtf_tune.study.outcome.recommendation import recommend
 
 _DIGITS = 6
@@ -57,7 +58,7 @@ class _ShownValues:
     def get_all_studies(self) -> list[Any]:
         found: list[Any] = self.all_studies()
         for study in found:
-            unit = self._unit(study._study_id)
+            unit = self._unit(study_id_of(study))
             if unit is not None and _METRIC_NAMES in study.system_attrs:
                 study.system_attrs = {**study.system_attrs, _METRIC_NAMES: [unit.label]}
         return found

@@ -79,7 +79,7 @@ def storage_of(study: optuna.Study) -> BaseStorage:
     return study._storage
 
 
-def study_id_of(study: optuna.Study) -> int:
+def study_id_of(study: optuna.Study | FrozenStudy) -> int:
     """Return the database id of a study."""
     return study._study_id
 
