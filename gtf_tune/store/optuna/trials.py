@@ -79,9 +79,9 @@ def storage_of(study: optuna.Study) -> BaseStorage:
     return study._storage
 
 
-def study_id_of(study: optuna.Study | FrozenStudy) -> int:
-    """Return the database id of a study."""
-    return study._study_id
+def study_id_of(study: Any) -> int:
+    """Return the database id of an `optuna.Study`, or of the frozen one that a storage returns."""
+    return int(study._study_id)
 
 
 @dataclass(frozen=True)
