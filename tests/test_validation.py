@@ -3,7 +3,7 @@ import pytest
 
 from gtf_tune.definition import SideMetricDefinition
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.study.ground_truth.errors import side_metric
+from gtf_tune.study.ground_truth.record import side_metric
 from gtf_tune.trajectory import Trajectory
 
 COUNT = 12

@@ -13,7 +13,7 @@ from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_
 from gtf_tune.cli.terminal.console import number, permille, say, write_json, write_line, write_table
 
 if TYPE_CHECKING:
-    from gtf_tune.study.noise.choice import NoiseLevel, NoiseScale
+    from gtf_tune.study.noise.ladder import NoiseLevel, NoiseScale
 
 Sigmas = Annotated[
     str | None, typer.Option("--sigmas", help="Grey levels to try, weakest first (default 0.5,1,2,3,5,8).")
@@ -50,8 +50,7 @@ def noise(
     from gtf_tune.definition import GtfDefinition, LimitsDefinition
     from gtf_tune.pipelines import create_pipeline, with_focal_prior
     from gtf_tune.sequence import FEWEST_FRAMES
-    from gtf_tune.study.noise.choice import LADDER
-    from gtf_tune.study.noise.ladder import NoiseProbe, fresh_runs
+    from gtf_tune.study.noise.ladder import LADDER, NoiseProbe, fresh_runs
     from gtf_tune.study.runs.run_source import run_limits
 
     chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))

@@ -52,7 +52,7 @@ def _noted(storage: str, database: "Database") -> "Database":
 
 def storage_flag(database: "Database") -> str:
     """Return what a suggested command needs to find the same storage: nothing, or a blank and ``--storage URL``."""
-    from gtf_tune.store.database.urls import display_url
+    from gtf_tune.store.database.engine import display_url
 
     usual = display_url(os.environ.get(STORAGE_VARIABLE) or DEFAULT_STORAGE)
     if database.shown_url == usual:

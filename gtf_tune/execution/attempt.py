@@ -1,22 +1,68 @@
 """One attempt at a run: its process, its files, what it has used, and how it ended."""
 
+import os
 import platform
+import shutil
 import signal
 import time
+from collections.abc import Iterable
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
 
 from pebble import ProcessExpired, ProcessPool
 
 from gtf_tune.execution.base import RunLimits
-from gtf_tune.execution.disk_watch import DiskWatch
 from gtf_tune.execution.paths import RunPaths
-from gtf_tune.execution.retries import cause_of_death
+from gtf_tune.execution.process import cause_of_death
 from gtf_tune.execution.run_in_child import versions_of
 from gtf_tune.execution.run_timer import STARTING, RunTimer
 from gtf_tune.pipelines.run import FailureCause, RunOutcome, RunRequest
 from gtf_tune.trajectory import Trajectory
+
+_LEAST_BYTES = 64 * 2**20
+_LEAST_SHARE = 0.25
+_MB = 10**6
+
+
+class DiskWatch:
+    """The least room on some disks since the watch began.
+
+    A run that fails because a disk is full cleans up after itself, and programs report it in a hundred ways (SQLite
+    errors, SIGABRT, a message of their own), so only what was seen while it ran can show it.
+    """
+
+    def __init__(self, folders: Iterable[Path]) -> None:
+        self._first = {folder: _free_bytes(folder) for folder in folders}
+        self._least = dict(self._first)
+
+    def look(self) -> None:
+        """Note how much room there is now."""
+        for folder, least in self._least.items():
+            self._least[folder] = min(least, _free_bytes(folder))
+
+    def shortage(self) -> str:
+        """Return which disk was nearly full, as the beginning of a sentence; an empty text where none was.
+
+        A disk was nearly full where little was left, or little beside what was taken since the watch began: what is
+        written between two looks is not seen.
+        """
+        self.look()
+        for folder, least in self._least.items():
+            if least < max(_LEAST_BYTES, _LEAST_SHARE * (self._first[folder] - least)):
+                return f"the disk of {folder} was nearly full, with {least / _MB:.0f} MB left"
+        return ""
+
+
+def _free_bytes(folder: Path) -> int:
+    """Return the bytes that may still be written; 0 where no file can be made, and where the folder is gone."""
+    try:
+        no_file_left = hasattr(os, "statvfs") and 0 == os.statvfs(folder).f_favail < os.statvfs(folder).f_files
+        return 0 if no_file_left else shutil.disk_usage(folder).free
+    except OSError:
+        return 0
 
 
 class OverdueError(Exception):
@@ -122,3 +168,30 @@ def _death(exitcode: int, tries: int) -> tuple[str, FailureCause]:
         "terminated": f"the run was ended from outside {tries} times ({name}); find out by whom",
     }
     return reasons.get(cause, f"the pipeline crashed its process ({name})"), cause
+
+
+_TRIES = MappingProxyType({"configuration": 1, "unknown": 2, "machine": 2, "killed": 3, "terminated": 3})
+
+
+@dataclass
+class Retries:
+    """The attempts that one run has had."""
+
+    causes: list[FailureCause] = field(default_factory=list)
+
+    def wanted(self, outcome: RunOutcome) -> bool:
+        """Note how an attempt ended, and return whether another one is due."""
+        if outcome.status == "ok":
+            return False
+        self.causes.append(outcome.cause)
+        return self.causes.count(outcome.cause) < _TRIES[outcome.cause]
+
+    def settled(self, outcome: RunOutcome) -> RunOutcome:
+        """Return the last outcome with the number of attempts and what its failure means.
+
+        What happened again without a sign that the machine was at fault is due to the configuration. SIGKILL is how
+        systems take memory back, and the last attempt had all of it; other signals come from people and schedulers.
+        """
+        earlier = len(self.causes) - (outcome.status != "ok")
+        of_machine = outcome.cause in ("machine", "terminated")
+        return replace(outcome, attempts=earlier + outcome.attempts, cause="machine" if of_machine else "configuration")

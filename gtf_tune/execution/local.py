@@ -15,11 +15,9 @@ import psutil
 from pebble import ProcessExpired
 
 from gtf_tune.errors import DefinitionError, MachineError
-from gtf_tune.execution.attempt import Attempt, OverdueError, failure
+from gtf_tune.execution.attempt import Attempt, DiskWatch, OverdueError, Retries, failure
 from gtf_tune.execution.base import RunLimits
-from gtf_tune.execution.disk_watch import DiskWatch
 from gtf_tune.execution.paths import Scratch, default_cache_folder
-from gtf_tune.execution.retries import Retries
 from gtf_tune.execution.run_in_child import execute_in_worker
 from gtf_tune.execution.run_timer import TICK_S, RunTimer, counted
 from gtf_tune.execution.stages import FreshStages, StageStore

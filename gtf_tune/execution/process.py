@@ -12,9 +12,11 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 
 from gtf_tune.errors import MachineError
+from gtf_tune.pipelines.run import FailureCause
 
 _WATCHDOG = Path(__file__).with_name("watchdog.py")
 _KIB = 1024
+_FROM_OUTSIDE = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 
 
 def initialise_worker() -> None:
@@ -143,3 +145,10 @@ def _status_bytes(field: str) -> int:
     except OSError:
         return 0
     return next((int(line.split()[1]) * _KIB for line in lines if line.startswith(f"{field}:")), 0)
+
+
+def cause_of_death(number: int) -> FailureCause:
+    """Return what the end of a process by a signal says about its run; 0 is no signal."""
+    if number == signal.SIGKILL:
+        return "killed"
+    return "terminated" if number in _FROM_OUTSIDE else "unknown"

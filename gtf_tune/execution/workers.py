@@ -1,12 +1,16 @@
 """Keep worker processes at hand, each independent of the others, so that the death of one harms no other."""
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import spawn
+from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Any
 
 from pebble import ProcessPool
 
 from gtf_tune.errors import MachineError
 from gtf_tune.execution.process import initialise_worker, interrupts_withheld
-from gtf_tune.execution.spawning import MainlessContext
 
 _TRIES = 3
 
@@ -83,3 +87,39 @@ class Workers:
 def _end(pool: ProcessPool) -> None:
     pool.stop()
     pool.join()
+
+
+_turn = threading.Lock()
+
+
+class _Process(SpawnProcess):
+    @staticmethod
+    def _Popen(process_obj: Any) -> Any:
+        with _without_main():
+            return SpawnProcess._Popen(process_obj)
+
+
+class MainlessContext(SpawnContext):
+    """The start method ``spawn`` without the import of the parent's main module."""
+
+    Process = _Process
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Leave the main module out of the data by which processes are prepared that this thread starts in this context."""
+    thread = threading.get_ident()
+
+    def preparation_data(name: str) -> dict[str, Any]:
+        data = original(name)
+        if threading.get_ident() != thread:
+            return data
+        return {key: value for key, value in data.items() if not key.startswith("init_main_")}
+
+    with _turn:
+        original = spawn.get_preparation_data
+        spawn.get_preparation_data = preparation_data
+        try:
+            yield
+        finally:
+            spawn.get_preparation_data = original

@@ -12,8 +12,8 @@ from gtf_tune.report.html import PageHead, Section, render_page
 from gtf_tune.report.panels.base import ReportInput
 from gtf_tune.report.panels.failures import run_failures
 from gtf_tune.report.panels.registry import panel
+from gtf_tune.report.panels.verdict import compared_trials
 from gtf_tune.report.study_data import StudyData, read_study
-from gtf_tune.report.verdict import compared_trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import log
 from gtf_tune.version import __version__

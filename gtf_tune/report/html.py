@@ -3,7 +3,6 @@
 import base64
 import gzip
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,10 +13,9 @@ from plotly.offline import get_plotlyjs
 
 from gtf_tune.report.drawing import markup, theme
 from gtf_tune.report.drawing.description import description
-from gtf_tune.report.drawing.markup import Html
+from gtf_tune.report.drawing.markup import Html, figure_id
 from gtf_tune.report.panels.base import Block, Drawing
 
-_NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9._-]+")
 _DIGITS = 6
 _TOO_OLD = "This browser is too old to draw the figures: it cannot unpack them. Texts and tables are complete."
 _NO_SCRIPT = "Figures need JavaScript. Texts and tables are complete."
@@ -52,11 +50,6 @@ def render_page(head: PageHead, sections: Sequence[Section]) -> str:
     body = markup.joined([_skip_link(sections), _header(head), _contents(sections), *_notices(), main, _footer(head)])
     head_ = f"<head>{meta}{title}{style}</head>"
     return f'<!DOCTYPE html>\n<html lang="en">{head_}\n<body>\n{body}\n{_scripts()}\n</body></html>\n'
-
-
-def figure_id(name: str) -> str:
-    """Return a name that is fit to be an HTML id and a file name."""
-    return _NOT_IN_AN_ID.sub("-", name).strip("-")
 
 
 def figure_json(figure: object) -> str:

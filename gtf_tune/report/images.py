@@ -7,7 +7,8 @@ from pathlib import Path
 import plotly.io
 
 from gtf_tune.errors import DefinitionError
-from gtf_tune.report.html import Section, figure_id
+from gtf_tune.report.drawing.markup import figure_id
+from gtf_tune.report.html import Section
 from gtf_tune.report.panels.base import Drawing
 
 _WIDTH_PX = 800

@@ -11,7 +11,7 @@ from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue, Pipeline, with_focal_prior
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.sequence import Sequence
-from gtf_tune.study.ground_truth.errors import side_metric
+from gtf_tune.study.ground_truth.record import side_metric
 from gtf_tune.study.noise.ladder import NoiseProbe, fresh_runs
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
 from gtf_tune.study.runs.run_source import run_limits

@@ -6,7 +6,7 @@ from pathlib import Path
 from gtf_tune.definition import SequenceDefinition
 from gtf_tune.errors import SequenceError
 from gtf_tune.pipelines import Pipeline, with_focal_prior
-from gtf_tune.sequence import FEWEST_FRAMES, LOADING_RULES, Camera, Selection, Sequence, load_sequence
+from gtf_tune.sequence import FEWEST_FRAMES, LOADING_RULES, Camera, Selection, Sequence, layout_names, load_sequence
 from gtf_tune.store.studies import StudySequence
 
 _FIRST_RULES = 1
@@ -38,6 +38,7 @@ def load_stored_sequence(definition: SequenceDefinition, stored: StudySequence, 
         The sequence cannot be read here, or has other pixels than when the study began.
     """
     rules = int(stored.info.get("loading_rules", _FIRST_RULES))
+    definition = _in_stored_layout(definition, stored)
     fault = ""
     try:
         found = _load(definition, folder, rules)
@@ -60,6 +61,7 @@ def load_stored_images(definition: SequenceDefinition, stored: StudySequence, fo
         The images cannot be read here.
     """
     rules = int(stored.info.get("loading_rules", _FIRST_RULES))
+    definition = _in_stored_layout(definition, stored)
     return _load(definition.model_copy(update={"camera": _UNKNOWN}), folder, rules)
 
 
@@ -89,6 +91,12 @@ def check_fingerprint(sequence: Sequence, expected: str) -> None:
             "create a new study",
             remedy=("sequence", sequence.name),
         )
+
+
+def _in_stored_layout(definition: SequenceDefinition, stored: StudySequence) -> SequenceDefinition:
+    """Return a definition with the layout that the study began with, where this version still knows it."""
+    known = stored.layout in layout_names()
+    return definition.model_copy(update={"layout": stored.layout}) if known else definition
 
 
 def _load(definition: SequenceDefinition, folder: Path, rules: int) -> Sequence:

@@ -6,8 +6,7 @@ import pytest
 
 from gtf_tune.display import sequence_unit
 from gtf_tune.report.drawing import theme
-from gtf_tune.report.drawing.axes import shortened, trial_text
-from gtf_tune.report.option_axis import searched_axes
+from gtf_tune.report.drawing.axes import searched_axes, shortened, trial_text
 from gtf_tune.report.panels.matrices import matrix_figure
 from gtf_tune.report.panels.options import option_curve, option_figure, recommended_star
 from gtf_tune.report.panels.search import (

@@ -4,7 +4,7 @@ import pytest
 
 from gtf_tune.definition import RangeAxis, ValuesAxis
 from gtf_tune.display import ScoreUnit
-from gtf_tune.report.option_axis import OptionAxis, option_axis, options_at_an_edge
+from gtf_tune.report.drawing.axes import OptionAxis, option_axis, options_at_an_edge
 from gtf_tune.report.panels.options import Star, option_curve
 from gtf_tune.report.points import PointSet, TrialPoint
 

@@ -16,7 +16,8 @@ from gtf_tune.report import images
 from gtf_tune.report.build import build_report, build_sections, read_input, write_report
 from gtf_tune.report.definition import PanelChoice, ReportDefinition
 from gtf_tune.report.drawing import theme
-from gtf_tune.report.html import PageHead, figure_id, figure_json, render_page
+from gtf_tune.report.drawing.markup import figure_id
+from gtf_tune.report.html import PageHead, figure_json, render_page
 from gtf_tune.report.images import write_images
 from gtf_tune.report.panels.base import Drawing, ReportInput
 from gtf_tune.report.panels.registry import KINDS, panel

@@ -2,9 +2,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from gtf_tune.report.build import read_configurations
-from gtf_tune.report.panels.verdict import verdict_sentences
+from gtf_tune.report.panels.verdict import compared_trials, verdict_facts, verdict_sentences
 from gtf_tune.report.study_data import StudyData, read_search, read_study
-from gtf_tune.report.verdict import compared_trials, verdict_facts
 from gtf_tune.store.database import Database
 from gtf_tune.study.outcome.verdict import NO_VERDICT
 

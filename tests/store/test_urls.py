@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from gtf_tune.errors import StorageError
-from gtf_tune.store.database.urls import display_url, parse_url, without_passwords
+from gtf_tune.store.database.engine import display_url, parse_url, without_passwords
 
 
 @pytest.mark.parametrize(

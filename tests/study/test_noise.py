@@ -16,8 +16,7 @@ from gtf_tune.store.database import Database
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.evaluate import Setting, evaluate_setting
 from gtf_tune.study.events import Event, NoiseChosen, NoiseStarted
-from gtf_tune.study.noise.choice import LADDER
-from gtf_tune.study.noise.ladder import DEFAULT_RUNS, NoiseProbe, fresh_runs
+from gtf_tune.study.noise.ladder import DEFAULT_RUNS, LADDER, NoiseProbe, fresh_runs
 from gtf_tune.study.open_study import open_study
 from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
 from gtf_tune.study.runs.run_source import RunSource

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.study.noise.choice import NoiseLevel, is_open, noise_scale
+from gtf_tune.study.noise.ladder import NoiseLevel, is_open, noise_scale
 
 SIGMAS = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 from gtf_tune.errors import DefinitionError, MachineError
-from gtf_tune.execution.attempt import failure
+from gtf_tune.execution.attempt import Retries, failure
 from gtf_tune.execution.base import RunLimits
-from gtf_tune.execution.retries import Retries
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
 
 _LOST_TRIES = 3

@@ -16,10 +16,9 @@ from gtf_tune.display import (
     value_text,
 )
 from gtf_tune.report.panels.failures import run_failures
-from gtf_tune.report.panels.verdict import verdict_sentences
+from gtf_tune.report.panels.verdict import verdict_facts, verdict_sentences
 from gtf_tune.report.points import PointSet, TrialPoint, study_points
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.verdict import verdict_facts
 from gtf_tune.study.outcome.improvement import Improvement
 from gtf_tune.study.scoring.objective import penalty
 

@@ -25,7 +25,7 @@ from sqlalchemy.exc import DBAPIError
 
 from gtf_tune.report.dashboard.attachments import Attachment
 from gtf_tune.report.drawing import theme
-from gtf_tune.report.html import figure_id
+from gtf_tune.report.drawing.markup import figure_id
 from gtf_tune.report.panels.base import Drawing
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.tables import forget_attributes

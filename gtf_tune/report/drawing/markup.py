@@ -1,10 +1,12 @@
 """HTML in which every text is escaped; only this module puts tags together."""
 
+import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from typing import NewType
 
 Html = NewType("Html", str)
+_NOT_IN_AN_ID = re.compile(r"[^A-Za-z0-9._-]+")
 
 
 def text(value: object) -> Html:
@@ -98,3 +100,8 @@ def _content(value: object) -> Html:
 def _cell(tag: str, content: Html, is_right: bool) -> Html:
     scope = {"scope": "col"} if tag == "th" else {}
     return element(tag, content, **scope, **({"class_": "number"} if is_right else {}))
+
+
+def figure_id(name: str) -> str:
+    """Return a name that is fit to be an HTML id and a file name."""
+    return _NOT_IN_AN_ID.sub("-", name).strip("-")

@@ -10,8 +10,8 @@ from gtf_tune.display import ScoreUnit, interval, sequence_unit, significant
 from gtf_tune.report.drawing import markup, theme
 from gtf_tune.report.drawing.axes import shortened
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
+from gtf_tune.report.panels.verdict import compared_trials
 from gtf_tune.report.points import SequenceDetail, sequence_detail
-from gtf_tune.report.verdict import compared_trials
 
 _ROW_PX = 34
 _SURROUNDINGS_PX = 160

@@ -10,13 +10,14 @@ import plotly.graph_objects as go
 from gtf_tune.display import significant, value_text
 from gtf_tune.report.drawing import markup, theme
 from gtf_tune.report.drawing.axes import (
+    OptionAxis,
     option_axis_layout,
     rim_axis_layout,
     score_axis_layout,
+    searched_axes,
     trial_text,
     truth_axis_layout,
 )
-from gtf_tune.report.option_axis import OptionAxis, searched_axes
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
 from gtf_tune.report.points import PointSet, TrialPoint, point_sets
 from gtf_tune.report.study_data import StudyData

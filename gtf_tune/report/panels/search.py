@@ -15,8 +15,7 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from gtf_tune.display import value_text
 from gtf_tune.report.drawing import markup, theme
-from gtf_tune.report.drawing.axes import spreads_far, trial_text
-from gtf_tune.report.option_axis import OptionAxis, searched_axes
+from gtf_tune.report.drawing.axes import OptionAxis, searched_axes, spreads_far, trial_text
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
 from gtf_tune.report.points import PointSet, TrialPoint, study_points
 

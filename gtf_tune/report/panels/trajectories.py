@@ -10,8 +10,8 @@ from gtf_tune.display import significant
 from gtf_tune.report.aligned_runs import AlignedRun, align_runs, in_one_frame, known_errors
 from gtf_tune.report.drawing import markup, theme
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
+from gtf_tune.report.panels.verdict import compared_trials
 from gtf_tune.report.study_data import StudyData
-from gtf_tune.report.verdict import compared_trials
 
 _HIGHEST_PERCENTILE = 98
 _MARKER_PX = 6

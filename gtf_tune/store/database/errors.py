@@ -18,7 +18,7 @@ from sqlalchemy.engine import URL
 from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 
 from gtf_tune.errors import StorageError, UnreachableError
-from gtf_tune.store.database.urls import display_url, without_passwords
+from gtf_tune.store.database.engine import display_url, without_passwords
 
 _PRIMARY_CODE = 0xFF
 

@@ -12,10 +12,9 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from gtf_tune.errors import StorageError, UnreachableError
 from gtf_tune.store.database.backup import back_up
-from gtf_tune.store.database.engine import READ_ONLY, make_engine
+from gtf_tune.store.database.engine import READ_ONLY, display_url, make_engine, parse_url
 from gtf_tune.store.database.errors import storage_error
 from gtf_tune.store.database.schema import REVISIONS, check_revision, create_schema, current_revision, upgrade_schema
-from gtf_tune.store.database.urls import display_url, parse_url
 from gtf_tune.store.optuna.revision import optuna_revision
 
 Result = TypeVar("Result")

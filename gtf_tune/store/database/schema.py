@@ -13,8 +13,7 @@ from sqlalchemy import Engine, column, inspect, select, table, text
 from sqlalchemy.engine import URL
 
 from gtf_tune.errors import StorageError
-from gtf_tune.store.database.engine import READ_ONLY, untuned_arguments
-from gtf_tune.store.database.urls import display_url
+from gtf_tune.store.database.engine import READ_ONLY, display_url, untuned_arguments
 from gtf_tune.store.optuna.revision import optuna_revision
 
 VERSION_TABLE = "gtf_alembic_version"

@@ -11,8 +11,8 @@ from sqlalchemy.orm import Session
 from gtf_tune.errors import StorageError
 from gtf_tune.store import confirmations, studies
 from gtf_tune.store.database import Database, models
+from gtf_tune.store.database.engine import place_of
 from gtf_tune.store.database.session import chunks, read, read_rows, write
-from gtf_tune.store.database.urls import place_of
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna.copy import copy_optuna_study, optuna_digest
 from gtf_tune.store.optuna.link import create_optuna_study, optuna_study_id

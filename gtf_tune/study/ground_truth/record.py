@@ -2,26 +2,82 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from optuna.trial import Trial
 
 from gtf_tune.definition import SideMetricDefinition
 from gtf_tune.definition.loading import section_from_dict
 from gtf_tune.errors import DefinitionError, TrajectoryError
+from gtf_tune.metrics import AteSettings, MetricSettings, RpeRelation, RpeSettings, ate, rpe
 from gtf_tune.store import ground_truth_errors, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import stored_definition
 from gtf_tune.store.trial_queue import TrialLease
-from gtf_tune.study.ground_truth.errors import side_metric
 from gtf_tune.study.open_study import OpenStudy, folder_of
 from gtf_tune.study.runs.sequence_runs import stored_by_sequence
 from gtf_tune.study.scoring.trial_scorer import ScoredTrial
 from gtf_tune.study.sequences import load_stored_sequence
 from gtf_tune.trajectory import Trajectory
+
+_DEFAULT = SideMetricDefinition()
+
+
+@dataclass(frozen=True)
+class SideMetric:
+    """The error against ground truth of a trial on one sequence.
+
+    ``value`` is the mean over the clean runs, in the unit of the ground truth or in degrees; ``by_run`` holds each
+    run's. Runs that could not be compared are left out and ``skipped`` says why.
+    """
+
+    value: float
+    by_run: tuple[float, ...]
+    skipped: tuple[str, ...] = ()
+
+
+def side_metric(
+    ground_truth: Trajectory, clean: Sequence[Trajectory], definition: SideMetricDefinition = _DEFAULT
+) -> SideMetric:
+    """Return the error of the clean runs of a trial against ground truth: ATE or RPE, after the alignment asked for.
+
+    Raises
+    ------
+    TrajectoryError
+        No run can be compared with the ground truth.
+    """
+    settings = metric_settings(definition)
+    errors: list[float] = []
+    skipped: list[str] = []
+    for trajectory in clean:
+        try:
+            errors.append(_error(ground_truth, trajectory, settings))
+        except TrajectoryError as error:
+            skipped.append(str(error))
+    if not errors:
+        raise TrajectoryError(f"no run can be compared with the ground truth: {skipped[0] if skipped else 'no runs'}")
+    return SideMetric(float(np.mean(errors)), tuple(errors), tuple(skipped))
+
+
+def metric_settings(definition: SideMetricDefinition) -> MetricSettings:
+    """Return the metric that a definition asks for."""
+    if definition.metric == "ate":
+        return AteSettings(definition.alignment)
+    relation: RpeRelation = "rotation" if definition.metric == "rpe_rotation" else "translation"
+    return RpeSettings(
+        relation, definition.rpe_delta, definition.rpe_delta_unit, definition.rpe_pairs, definition.alignment
+    )
+
+
+def _error(ground_truth: Trajectory, trajectory: Trajectory, settings: MetricSettings) -> float:
+    if isinstance(settings, AteSettings):
+        return ate(ground_truth, trajectory, settings.alignment)
+    return rpe(ground_truth, trajectory, settings)
 
 
 def record_side_metric(study: OpenStudy, lease: TrialLease, trial: Trial, scored: ScoredTrial) -> None:
