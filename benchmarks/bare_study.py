@@ -22,7 +22,7 @@ from gtf_tune.pipelines import OptionValue, PipelineJob
 from gtf_tune.pipelines.analytic import AnalyticPipeline, create, imaginary_sequence
 from gtf_tune.pipelines.run import RunKind
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource
-from gtf_tune.study.runs.sequence_runs import SequenceRuns
+from gtf_tune.study.runs.run_source import SequenceRuns
 from gtf_tune.study.scoring.early_stopping import Decision, Sizing, sizing_of
 from gtf_tune.study.scoring.objective import CoverageFloor, SequenceScore, score_sequence
 from gtf_tune.study.search.samplers import make_sampler

@@ -13,7 +13,7 @@ from experiments.settings import Outcome, true_ates
 from gtf_tune.gtf.random_effects import far_from_median
 from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
-from gtf_tune.store.trajectories import trajectories
+from gtf_tune.store.runs import trajectories
 from gtf_tune.study.outcome.verdict import Candidate, verdict_of
 from gtf_tune.trajectory import FloatArray, Trajectory
 

@@ -17,10 +17,9 @@ from gtf_tune.sequence import Selection, load_sequence
 from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.store import runs
 from gtf_tune.store.database import Database
-from gtf_tune.store.trajectories import trajectories
+from gtf_tune.store.runs import trajectories
 from gtf_tune.study.noise.ladder import NoiseProbe, NoiseScale, ObtainRuns, stored_runs
-from gtf_tune.study.runs.run_source import RunSource, run_limits
-from gtf_tune.study.runs.sequence_runs import SequenceRuns, sequence_runs
+from gtf_tune.study.runs.run_source import RunSource, SequenceRuns, run_limits, sequence_runs
 from gtf_tune.trajectory import Trajectory
 
 SEQUENCES = (ROOM, "dtu-scan24", "fountain-P11", "hut", "kitti07", "kitti06")

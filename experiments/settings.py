@@ -16,7 +16,7 @@ from gtf_tune.gtf import Aggregate, aggregate_matrix
 from gtf_tune.metrics import ate
 from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, trials
 from gtf_tune.store.database import Database
-from gtf_tune.store.trajectories import trajectories
+from gtf_tune.store.runs import trajectories
 from gtf_tune.study.outcome.verdict import verdict_of
 from gtf_tune.trajectory import FloatArray, Trajectory
 

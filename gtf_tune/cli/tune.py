@@ -192,7 +192,7 @@ def _hand_over(study: "OpenStudy", found: "Recommendation", folder: Path) -> Non
 def _clean_trajectories(study: "OpenStudy", found: "Recommendation") -> "dict[str, Trajectory]":
     """Return the trajectory of the first clean run of the nominal and of the adopted trial."""
     from gtf_tune.store import runs, trials
-    from gtf_tune.store.trajectories import trajectories
+    from gtf_tune.store.runs import trajectories
 
     numbers = {"nominal": 0, "adopted": found.trial.number if found.trial else 0}
     keys = {}

@@ -16,9 +16,8 @@ from pebble import ProcessExpired, ProcessPool
 
 from gtf_tune.execution.base import RunLimits
 from gtf_tune.execution.paths import RunPaths
-from gtf_tune.execution.process import cause_of_death
+from gtf_tune.execution.process import STARTING, RunTimer, cause_of_death
 from gtf_tune.execution.run_in_child import versions_of
-from gtf_tune.execution.run_timer import STARTING, RunTimer
 from gtf_tune.pipelines.run import FailureCause, RunOutcome, RunRequest
 from gtf_tune.trajectory import Trajectory
 

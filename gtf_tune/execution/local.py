@@ -18,8 +18,8 @@ from gtf_tune.errors import DefinitionError, MachineError
 from gtf_tune.execution.attempt import Attempt, DiskWatch, OverdueError, Retries, failure
 from gtf_tune.execution.base import RunLimits
 from gtf_tune.execution.paths import Scratch, default_cache_folder
+from gtf_tune.execution.process import TICK_S, RunTimer, counted
 from gtf_tune.execution.run_in_child import execute_in_worker
-from gtf_tune.execution.run_timer import TICK_S, RunTimer, counted
 from gtf_tune.execution.stages import FreshStages, StageStore
 from gtf_tune.execution.workers import Workers
 from gtf_tune.pipelines.run import RunOutcome, RunRequest

@@ -7,8 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from gtf_tune.gtf.aggregate import Aggregate, aggregate_instances
-from gtf_tune.gtf.collapse import find_collapsed
+from gtf_tune.gtf.aggregate import Aggregate, aggregate_instances, find_collapsed
 from gtf_tune.gtf.uncertainty import estimate
 from gtf_tune.metrics import (
     AteSettings,

@@ -1,6 +1,15 @@
 """Errors between trajectories."""
 
-from gtf_tune.metrics.pairwise import PairMatrix, associated_matrix, pairwise_matrix
+from gtf_tune.metrics.pairwise import (
+    PairMatrix,
+    align,
+    aligned_errors,
+    associated_matrix,
+    ate,
+    pairwise_matrix,
+    rpe,
+    rpe_errors,
+)
 from gtf_tune.metrics.settings import (
     AteSettings,
     DeltaUnit,
@@ -10,7 +19,6 @@ from gtf_tune.metrics.settings import (
     RpeSettings,
     check_word,
 )
-from gtf_tune.metrics.single import align, aligned_errors, ate, rpe, rpe_errors
 from gtf_tune.metrics.statistics import ErrorStatistics, summarise
 
 __all__ = [

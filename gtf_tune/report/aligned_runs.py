@@ -10,7 +10,7 @@ from gtf_tune.errors import TrajectoryError
 from gtf_tune.pipelines.run import RunKind
 from gtf_tune.report.study_data import StudyData
 from gtf_tune.store.database import Database
-from gtf_tune.study.runs.sequence_runs import stored_by_sequence
+from gtf_tune.study.runs.run_source import stored_by_sequence
 from gtf_tune.trajectory import FloatArray, IntArray, Trajectory, associate_by_frame_id
 from gtf_tune.trajectory.alignment import AlignmentKind, umeyama
 

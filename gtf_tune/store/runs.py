@@ -1,5 +1,6 @@
 """Store finished runs by their keys, and find them again so that none is ever repeated."""
 
+import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -7,16 +8,18 @@ from typing import Any
 from sqlalchemy import case, func, insert, select
 from sqlalchemy.orm import Session
 
+from gtf_tune.errors import StorageError, TrajectoryError
 from gtf_tune.pipelines.base import DiagnosticValue
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest, RunStatus
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.session import chunks, columns_of, read, read_rows, table_of, write
+from gtf_tune.trajectory import Trajectory, from_bytes
 
 
 @dataclass(frozen=True)
 class StoredRun:
-    """Stored run without its trajectory (see `gtf_tune.store.trajectories`) and log (see `log`)."""
+    """Stored run without its trajectory (see `gtf_tune.store.runs`) and log (see `log`)."""
 
     id: int
     key: str
@@ -110,8 +113,6 @@ def save(database: Database, request: RunRequest, outcome: RunOutcome, key: str 
 
 
 def _row(request: RunRequest, outcome: RunOutcome) -> dict[str, Any]:
-    from gtf_tune.store.trajectories import digest_of
-
     return {
         "pipeline": request.pipeline.name,
         "version": request.pipeline.version,
@@ -220,3 +221,46 @@ def log(database: Database, key: str) -> str:
     """Return the end of what a run printed; empty where no such run is stored."""
     query = select(models.RunOutput.log).join(models.Run, models.Run.id == models.RunOutput.run_id)
     return read(database, lambda session: session.scalar(query.where(models.Run.key == key)) or "")
+
+
+def digest_of(trajectory: Trajectory) -> str:
+    """Return the hex SHA-256 of the numbers and names of a trajectory, whatever compression stores it."""
+    total = hashlib.sha256()
+    for numbers in (trajectory.timestamps, trajectory.positions, trajectory.quaternions):
+        total.update(numbers.astype("<f8").tobytes())
+    total.update(trajectory.frame_ids.astype("<i8").tobytes())
+    total.update("\0".join(trajectory.names).encode("utf-8", "surrogatepass"))
+    return total.hexdigest()
+
+
+def trajectories(database: Database, keys: Sequence[str]) -> dict[str, Trajectory]:
+    """Return the trajectory of each run that is stored under one of these keys; those of failed runs are empty.
+
+    Raises
+    ------
+    StorageError
+        A trajectory is not the one that was stored; the message names the run.
+    """
+    found: dict[str, Trajectory] = {}
+    for some in chunks(keys):
+        query = (
+            select(models.Run.key, models.Run.trajectory_digest, models.RunOutput.trajectory)
+            .join(models.RunOutput, models.RunOutput.run_id == models.Run.id)
+            .where(models.Run.key.in_(some))
+        )
+        for key, digest, data in read_rows(database, query):
+            found[key] = checked_trajectory(key, digest, data)
+    return found
+
+
+def checked_trajectory(key: str, digest: str, data: bytes) -> Trajectory:
+    """Return the trajectory that these bytes hold, or raise `StorageError` where it is not the one that was stored."""
+    damaged = f"the stored trajectory of run {key} is damaged"
+    advice = "restore a backup, or delete the study and run it again"
+    try:
+        trajectory = from_bytes(data)
+    except TrajectoryError as error:
+        raise StorageError(f"{damaged} ({error}); {advice}") from error
+    if digest_of(trajectory) != digest:
+        raise StorageError(f"{damaged} (its digest differs); {advice}")
+    return trajectory

@@ -20,11 +20,10 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.link import create_optuna_study
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import NewStudy, Study
-from gtf_tune.study.open_study import make_pipeline, runnable
+from gtf_tune.study.open_study import load_defined_sequence, make_pipeline, runnable, sequence_row
 from gtf_tune.study.scoring.objective import RESOLVED_KEY, SCORING_VERSION
 from gtf_tune.study.search.samplers import check_search
 from gtf_tune.study.search.space import build_space, space_faults
-from gtf_tune.study.sequences import load_defined_sequence, sequence_row
 from gtf_tune.version import __version__
 
 METRIC_NAME = "GTF ATE"

@@ -14,8 +14,7 @@ from gtf_tune.sequence import Sequence
 from gtf_tune.study.ground_truth.record import side_metric
 from gtf_tune.study.noise.ladder import NoiseProbe, fresh_runs
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
-from gtf_tune.study.runs.run_source import run_limits
-from gtf_tune.study.runs.sequence_runs import SequenceRuns
+from gtf_tune.study.runs.run_source import SequenceRuns, run_limits
 from gtf_tune.study.scoring.objective import SequenceScore, least_floor, score_sequence
 
 

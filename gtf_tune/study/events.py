@@ -17,7 +17,7 @@ from gtf_tune.display import ScoreUnit
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store.trial_queue import TrialResult
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement
-from gtf_tune.study.runs.sequence_runs import FinishedRun
+from gtf_tune.study.runs.plan import FinishedRun
 
 
 @dataclass(frozen=True)

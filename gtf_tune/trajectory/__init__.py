@@ -9,8 +9,7 @@ from gtf_tune.trajectory.matching import (
     check_frame_ids,
     matched,
 )
-from gtf_tune.trajectory.serialization import from_bytes, to_bytes
-from gtf_tune.trajectory.value import BoolArray, FloatArray, IntArray, Trajectory
+from gtf_tune.trajectory.value import BoolArray, FloatArray, IntArray, Trajectory, from_bytes, to_bytes
 
 __all__ = [
     "MAX_DIFFERENCE_S",

@@ -7,8 +7,7 @@ from importlib import import_module
 
 import pytest
 
-from gtf_tune.cli.main import COMMANDS
-from gtf_tune.cli.terminal.grouping import Entry
+from gtf_tune.cli.main import COMMANDS, Entry
 
 HEAVY = ("numpy", "optuna", "plotly", "rich", "sqlalchemy")  # typer itself imports pydantic
 

@@ -12,7 +12,7 @@ import optuna_dashboard
 import pytest
 from sqlalchemy.exc import OperationalError
 
-from gtf_tune.report.dashboard import attachments, notes
+from gtf_tune.report.dashboard import notes
 from gtf_tune.report.dashboard.sync import DashboardSync
 from gtf_tune.report.dashboard.writer import artifact_folder, turn_to_write
 from gtf_tune.report.study_data import read_search, read_trials
@@ -175,7 +175,7 @@ def test_a_study_is_current_until_something_changes(
 
 def test_a_fault_is_one_warning_and_never_an_error(own_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
     warnings: list[str] = []
-    monkeypatch.setattr(attachments, "key_figures", lambda data: 1 / 0)
+    monkeypatch.setattr(notes, "key_figures", lambda data: 1 / 0)
     synced = DashboardSync(own_database, "synthetic", warn=warnings.append, refresh_s=0.0)
 
     synced.bring_up_to_date()
@@ -191,7 +191,7 @@ def test_a_fault_of_the_database_is_one_line(own_database: Database, monkeypatch
         raise OperationalError("SELECT 1", {}, sqlite3.OperationalError("went\n  away"))
 
     warnings: list[str] = []
-    monkeypatch.setattr(attachments, "key_figures", refuse)
+    monkeypatch.setattr(notes, "key_figures", refuse)
     DashboardSync(own_database, "synthetic", warn=warnings.append, refresh_s=0.0).bring_up_to_date()
 
     assert "refused a request: went away; check the storage" in warnings[0]

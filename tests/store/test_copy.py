@@ -16,9 +16,8 @@ from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna import copy
 from gtf_tune.store.optuna.rows import NUMBER_KEY
 from gtf_tune.store.optuna.tables import optuna_storage
-from gtf_tune.store.runs import TrialRun
+from gtf_tune.store.runs import TrialRun, trajectories
 from gtf_tune.store.studies import Study
-from gtf_tune.store.trajectories import trajectories
 from gtf_tune.store.trial_queue import TrialResult, this_worker
 
 MakeStorage = Callable[[str, bool], str]

@@ -10,7 +10,7 @@ import pytest
 
 from gtf_tune.store import studies
 from gtf_tune.store.database import engine, open_database
-from gtf_tune.store.database.read_only import connect_read_only
+from gtf_tune.store.database.engine import connect_read_only
 from gtf_tune.store.maintenance.check import check
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.studies import Study

@@ -12,9 +12,8 @@ from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.store import runs, trial_queue
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.columns import Json, Words
-from gtf_tune.store.runs import RunTotals, TrialRun
+from gtf_tune.store.runs import RunTotals, TrialRun, digest_of, trajectories
 from gtf_tune.store.studies import Study
-from gtf_tune.store.trajectories import digest_of, trajectories
 from gtf_tune.store.trial_queue import this_worker
 from gtf_tune.trajectory import Trajectory, to_bytes
 

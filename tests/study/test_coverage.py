@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gtf_tune.definition import GtfDefinition
-from gtf_tune.study.runs.sequence_runs import SequenceRuns
+from gtf_tune.study.runs.run_source import SequenceRuns
 from gtf_tune.study.scoring.objective import CoverageFloor, coverage_floor, least_floor, score_sequence, score_trial
 from gtf_tune.trajectory import Trajectory
 

@@ -19,8 +19,7 @@ from gtf_tune.study.events import Event, NoiseChosen, NoiseStarted
 from gtf_tune.study.noise.ladder import DEFAULT_RUNS, LADDER, NoiseProbe, fresh_runs
 from gtf_tune.study.open_study import open_study
 from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
-from gtf_tune.study.runs.run_source import RunSource
-from gtf_tune.study.runs.sequence_runs import SequenceRuns
+from gtf_tune.study.runs.run_source import RunSource, SequenceRuns
 from gtf_tune.study.runs.stop import StopRequest
 from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of, write_sequence

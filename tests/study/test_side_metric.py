@@ -14,7 +14,7 @@ from gtf_tune.store import ground_truth_errors, runs, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.maintenance.digest import study_digest
-from gtf_tune.store.trajectories import trajectories
+from gtf_tune.store.runs import trajectories
 from gtf_tune.study.ground_truth.record import changed_side_metric, recompute_side_metric
 from tests.study.conftest import FRAMES, Runner, definition_of, write_sequence
 

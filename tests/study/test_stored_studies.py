@@ -12,7 +12,7 @@ from gtf_tune.execution.base import RunLimits
 from gtf_tune.store import runs, trials
 from gtf_tune.store.database import Database, open_database
 from gtf_tune.store.maintenance.digest import study_digest
-from gtf_tune.store.trajectories import digest_of
+from gtf_tune.store.runs import digest_of
 from gtf_tune.study.open_study import OpenStudy, open_study
 from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
 from gtf_tune.study.runs.run_source import RunSource

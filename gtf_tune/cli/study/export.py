@@ -114,7 +114,7 @@ def _trials_csv(database: "Database", study: "Study") -> str:
 
 def _write_trajectories(database: "Database", trial: "Trial", folder: Path) -> None:
     from gtf_tune.store import runs
-    from gtf_tune.store.trajectories import trajectories
+    from gtf_tune.store.runs import trajectories
     from gtf_tune.trajectory import write_tum
 
     with _writing(folder):

@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from gtf_tune.cli.terminal.console import duration, say, stderr
 from gtf_tune.study.events import Event, NoiseChosen, NoiseStarted, RunFinished, TrialFinished, TrialStarted
-from gtf_tune.study.runs.sequence_runs import FinishedRun
+from gtf_tune.study.runs.plan import FinishedRun
 
 if TYPE_CHECKING:
     from gtf_tune.display import ScoreUnit

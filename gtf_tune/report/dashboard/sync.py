@@ -12,8 +12,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from gtf_tune.display import definition_unit
 from gtf_tune.pipelines.run import digest
 from gtf_tune.report.aligned_runs import read_configuration
-from gtf_tune.report.dashboard import attachments, notes
-from gtf_tune.report.dashboard.attachments import Attachment
+from gtf_tune.report.dashboard import notes
+from gtf_tune.report.dashboard.notes import Attachment
 from gtf_tune.report.dashboard.writer import DashboardWriter, artifact_folder, artifact_store, turn_to_write
 from gtf_tune.report.study_data import StudyData, read_search, read_trials, runs_made
 from gtf_tune.store import confirmations, runs, studies
@@ -114,7 +114,7 @@ class DashboardSync:
         data, writer = read_search(self._database, self._name), self._opened()
         writer.write_headline(_metric_name(data), _facts(data))
         writer.write_study_note(notes.study_note(data, writer.study_note()))
-        drawings, files = attachments.key_figures(data), _study_files(data)
+        drawings, files = notes.key_figures(data), _study_files(data)
         for drawing in drawings:
             writer.write_figure(drawing)
         for attachment in files:
@@ -162,9 +162,9 @@ class DashboardSync:
             (f"{one.sequence_name}, {one.run.kind} run {one.run.index}: {one.run.error}", one.run.key) for one in own
         ]
         settings = read_configuration(self._database, data, f"trial {number}", number)
-        images = [attachments.trajectory_image(one, name) for name, one in settings.items()]
-        log = attachments.failure_log((name, runs.log(self._database, key)) for name, key in named)
-        return [one for one in (attachments.matrix_table(data, number), *images, log) if one is not None]
+        images = [notes.trajectory_image(one, name) for name, one in settings.items()]
+        log = notes.failure_log((name, runs.log(self._database, key)) for name, key in named)
+        return [one for one in (notes.matrix_table(data, number), *images, log) if one is not None]
 
     def _opened(self) -> DashboardWriter:
         if self._writer is None:
@@ -196,7 +196,7 @@ def _study_files(data: StudyData) -> list[Attachment]:
     trial = data.recommendation.trial
     exported = options_files(data.definition, trial.options or {}) if trial else {}
     files = [Attachment(name, "text/plain", content.encode()) for name, content in exported.items()]
-    return [attachments.trial_table(data), *files]
+    return [notes.trial_table(data), *files]
 
 
 def _facts(data: StudyData) -> dict[str, str]:

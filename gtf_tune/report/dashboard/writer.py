@@ -23,7 +23,7 @@ from optuna.storages import BaseStorage
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
-from gtf_tune.report.dashboard.attachments import Attachment
+from gtf_tune.report.dashboard.notes import Attachment
 from gtf_tune.report.drawing import theme
 from gtf_tune.report.drawing.markup import figure_id
 from gtf_tune.report.panels.base import Drawing

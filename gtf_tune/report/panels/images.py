@@ -17,8 +17,7 @@ from gtf_tune.report.panels.frames import FrameSpread, frame_spread
 from gtf_tune.report.study_data import StudyData
 from gtf_tune.sequence import Frame
 from gtf_tune.sequence import Sequence as Images
-from gtf_tune.study.open_study import folder_of
-from gtf_tune.study.sequences import load_stored_images
+from gtf_tune.study.open_study import folder_of, load_stored_images
 
 _WIDTH_PX = 180
 _JPEG_QUALITY = 70

@@ -14,8 +14,8 @@ from gtf_tune.store.database.session import chunks, read_rows
 from gtf_tune.store.maintenance.check_contents import check_tables, unreadable
 from gtf_tune.store.optuna.link import foreign_trials, optuna_study_id
 from gtf_tune.store.optuna.tables import optuna_storage
+from gtf_tune.store.runs import trajectories
 from gtf_tune.store.studies import Study
-from gtf_tune.store.trajectories import trajectories
 
 
 @dataclass(frozen=True)

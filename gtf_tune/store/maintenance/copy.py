@@ -16,8 +16,8 @@ from gtf_tune.store.database.session import chunks, read, read_rows, write
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.optuna.copy import copy_optuna_study, optuna_digest
 from gtf_tune.store.optuna.link import create_optuna_study, optuna_study_id
+from gtf_tune.store.runs import checked_trajectory, trajectories
 from gtf_tune.store.studies import Study
-from gtf_tune.store.trajectories import checked_trajectory, trajectories
 
 Row = dict[str, Any]
 

@@ -19,10 +19,9 @@ from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import stored_definition
 from gtf_tune.store.trial_queue import TrialLease
-from gtf_tune.study.open_study import OpenStudy, folder_of
-from gtf_tune.study.runs.sequence_runs import stored_by_sequence
+from gtf_tune.study.open_study import OpenStudy, folder_of, load_stored_sequence
+from gtf_tune.study.runs.run_source import stored_by_sequence
 from gtf_tune.study.scoring.trial_scorer import ScoredTrial
-from gtf_tune.study.sequences import load_stored_sequence
 from gtf_tune.trajectory import Trajectory
 
 _DEFAULT = SideMetricDefinition()

@@ -17,8 +17,7 @@ from gtf_tune.store import studies
 from gtf_tune.study.events import NoiseChosen, NoiseStarted
 from gtf_tune.study.open_study import OpenStudy
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
-from gtf_tune.study.runs.run_source import RunSource
-from gtf_tune.study.runs.sequence_runs import SequenceRuns, finished_by_sequence, sequence_runs
+from gtf_tune.study.runs.run_source import RunSource, SequenceRuns, finished_by_sequence, sequence_runs
 from gtf_tune.study.scoring.objective import settings_of
 from gtf_tune.trajectory import FloatArray
 from gtf_tune.trajectory.alignment import MIN_MATCHED

@@ -17,15 +17,13 @@ from gtf_tune.sequence import Sequence
 from gtf_tune.store import confirmations, studies, trials
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.noise.ladder import with_noise
-from gtf_tune.study.open_study import OpenStudy, folder_of
+from gtf_tune.study.open_study import OpenStudy, folder_of, load_stored_sequence
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
 from gtf_tune.study.outcome.recommendation import without_feasible_trial
 from gtf_tune.study.outcome.verdict import Verdict
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
-from gtf_tune.study.runs.run_source import RunSource
-from gtf_tune.study.runs.sequence_runs import finished_by_sequence
+from gtf_tune.study.runs.run_source import RunSource, finished_by_sequence
 from gtf_tune.study.scoring.objective import settings_of
-from gtf_tune.study.sequences import load_stored_sequence
 
 DEFAULT_TOP = 3
 DEFAULT_RUNS = 16

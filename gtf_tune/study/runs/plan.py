@@ -8,9 +8,24 @@ from gtf_tune.definition import GtfDefinition
 from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.pipelines.run import RunKind, RunRequest
 from gtf_tune.sequence import Sequence
+from gtf_tune.store.runs import StoredRun
+from gtf_tune.trajectory import Trajectory
 
 _BITS_31 = 2**31 - 1
 _BITS_63 = 2**63 - 1
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedRun:
+    """Run that has ended and is stored, with its trajectory, which is empty if the run failed.
+
+    ``reused`` is true where the run was stored before it was asked for.
+    """
+
+    request: RunRequest
+    stored: StoredRun
+    trajectory: Trajectory
+    reused: bool
 
 
 @dataclass(frozen=True)

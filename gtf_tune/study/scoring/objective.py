@@ -13,7 +13,7 @@ from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import DefinitionError
 from gtf_tune.gtf import GtfScore, GtfSettings, gtf_score
 from gtf_tune.store.studies import Study
-from gtf_tune.study.runs.sequence_runs import SequenceRuns
+from gtf_tune.study.runs.run_source import SequenceRuns
 from gtf_tune.trajectory.alignment import MIN_MATCHED
 
 LEAST_COMMON = 0.5

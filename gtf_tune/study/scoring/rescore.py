@@ -16,7 +16,7 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.studies import stored_definition
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.runs.sequence_runs import SequenceRuns, stored_by_sequence
+from gtf_tune.study.runs.run_source import SequenceRuns, stored_by_sequence
 from gtf_tune.study.scoring.objective import (
     CoverageFloor,
     SequenceScore,

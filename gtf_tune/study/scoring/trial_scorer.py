@@ -11,9 +11,8 @@ from gtf_tune.pipelines import OptionValue
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.store import runs, trials
 from gtf_tune.study.open_study import OpenStudy
-from gtf_tune.study.runs.plan import run_order
-from gtf_tune.study.runs.run_source import RunSource
-from gtf_tune.study.runs.sequence_runs import FinishedRun, SequenceRuns, finished_by_sequence
+from gtf_tune.study.runs.plan import FinishedRun, run_order
+from gtf_tune.study.runs.run_source import RunSource, SequenceRuns, finished_by_sequence
 from gtf_tune.study.scoring.early_stopping import Decision
 from gtf_tune.study.scoring.objective import (
     CoverageFloor,

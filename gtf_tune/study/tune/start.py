@@ -20,11 +20,10 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.enqueue import enqueue
-from gtf_tune.study.open_study import OpenStudy, make_pipeline
+from gtf_tune.study.open_study import OpenStudy, load_defined_sequence, make_pipeline
 from gtf_tune.study.outcome.recommendation import Recommendation
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource
 from gtf_tune.study.runs.run_source import RunSource
-from gtf_tune.study.sequences import load_defined_sequence
 from gtf_tune.study.tune.budget import CLEAN_RUNS, NOISY_RUNS, Budget, Plan, Reduction, RunPrice
 from gtf_tune.study.tune.handover import Configurations, scaled_to
 
