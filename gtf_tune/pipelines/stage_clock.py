@@ -2,26 +2,27 @@
 
 import contextlib
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 
 @dataclass
 class StageClock:
-    """Measure the seconds that each stage took itself, without the stages that it waited for."""
+    """Measure the seconds that each stage took itself, by the clock ``now``, without the stages that it waited for."""
 
     seconds: dict[str, float] = field(default_factory=dict)
+    now: Callable[[], float] = time.perf_counter
     _waited_s: list[float] = field(default_factory=list)
 
     @contextlib.contextmanager
     def timing(self, stage: str) -> Iterator[None]:
         """Add the time until the context ends to the stage."""
-        started = time.perf_counter()
+        started = self.now()
         self._waited_s.append(0.0)
         try:
             yield
         finally:
-            elapsed = time.perf_counter() - started
+            elapsed = self.now() - started
             own = elapsed - self._waited_s.pop()
             self.seconds[stage] = self.seconds.get(stage, 0.0) + own
             if self._waited_s:

@@ -4,6 +4,8 @@ import pytest
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence import RoomSpec, load_sequence, render_room
+from gtf_tune.sequence.render.motion import random_path
+from gtf_tune.sequence.render.scene import Face
 
 SMALL = RoomSpec(num_frames=4, width=160, height=120)
 
@@ -47,6 +49,28 @@ def test_another_seed_gives_another_room_and_path(room, tmp_path):
 
     assert other.fingerprint != load_sequence(room).fingerprint
     assert np.abs(other.ground_truth.positions - load_sequence(room).ground_truth.positions).max() > 0.01
+
+
+@pytest.mark.parametrize(("motion", "axis"), [("arc", 0), ("forward", 1)])
+def test_a_motion_says_where_the_camera_goes(motion, axis):
+    path = random_path(np.random.default_rng(0), motion)
+    moved = path.pose(1.0)[:3, 3] - path.pose(0.0)[:3, 3]
+
+    assert np.argmax(np.abs(moved)) == axis
+
+
+def test_a_turn_stays_near_one_place_and_looks_elsewhere():
+    path = random_path(np.random.default_rng(0), "turn")
+    first, last = path.pose(0.0), path.pose(1.0)
+
+    assert np.linalg.norm(last[:3, 3] - first[:3, 3]) < 1.5
+    assert first[:3, 2] @ last[:3, 2] < 0.2
+
+
+def test_less_contrast_flattens_a_texture_about_its_mean():
+    face = Face(np.zeros(3), np.zeros(3), np.zeros(3), np.array([[10.0, 30.0]], np.float32))
+
+    assert face.with_contrast(0.5).texture.tolist() == [[15.0, 25.0]]
 
 
 def test_features_of_two_pictures_lie_on_the_epipolar_lines_of_the_ground_truth(tmp_path):
@@ -94,8 +118,20 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("num_frames", 1), ("width", 10), ("sensor_noise", -1), ("exposure", float("nan")), ("frame_rate_hz", 0)],
+    [
+        ("num_frames", 1),
+        ("width", 10),
+        ("sensor_noise", -1),
+        ("exposure", float("nan")),
+        ("frame_rate_hz", 0),
+        ("contrast", -1),
+    ],
 )
 def test_impossible_specs_are_refused_by_name(field, value):
     with pytest.raises(SequenceError, match=field):
         RoomSpec(**{field: value})
+
+
+def test_an_unknown_motion_is_refused_with_the_known_ones():
+    with pytest.raises(SequenceError, match="one of arc, forward, turn, not 'fly'"):
+        RoomSpec(motion="fly")

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.image_noise import GreyImage
-from gtf_tune.sequence.render.motion import HandHeldPath, random_path
+from gtf_tune.sequence.render.motion import WALKS, HandHeldPath, Motion, random_path
 from gtf_tune.sequence.render.raster import FloatImage, TextureAtlas, build_atlas, draw
 from gtf_tune.sequence.render.scene import Face, FloatArray, build_room
 
@@ -26,6 +26,8 @@ class RoomSpec:
 
     ``sensor_noise`` is in grey levels. ``exposure`` is the share of the time between two frames that the shutter is
     open, which is the motion blur. ``flicker`` is the relative deviation of the brightness from frame to frame.
+    ``motion`` is how the camera moves (see `gtf_tune.sequence.render.motion`); ``contrast`` scales the textures about
+    their means, so that a small one leaves few features.
 
     Raises
     ------
@@ -41,14 +43,19 @@ class RoomSpec:
     exposure: float = 0.04
     flicker: float = 0.08
     seed: int = 0
+    motion: Motion = "arc"
+    contrast: float = 1.0
 
     def __post_init__(self) -> None:
         lowest = {"num_frames": 2, "width": 64, "height": 64, "sensor_noise": 0, "exposure": 0, "flicker": 0, "seed": 0}
+        lowest["contrast"] = 0
         for name, low in lowest.items():
             if not getattr(self, name) >= low:
                 raise SequenceError(f"{name} of a rendered room must be at least {low}, not {getattr(self, name)}")
         if not self.frame_rate_hz > 0:
             raise SequenceError(f"frame_rate_hz of a rendered room must be positive, not {self.frame_rate_hz}")
+        if self.motion not in WALKS:
+            raise SequenceError(f"motion of a rendered room must be one of {', '.join(WALKS)}, not '{self.motion}'")
 
     @property
     def camera(self) -> Camera:
@@ -119,8 +126,8 @@ def render_room(folder: str | PathLike[str], spec: RoomSpec = _DEFAULT, threads:
 
 def _build_studio(spec: RoomSpec) -> _Studio:
     rng = np.random.default_rng((spec.seed, 0))
-    faces = build_room(rng)
-    return _Studio(spec, faces, build_atlas(faces), random_path(rng))
+    faces = tuple(face.with_contrast(spec.contrast) for face in build_room(rng))
+    return _Studio(spec, faces, build_atlas(faces), random_path(rng, spec.motion))
 
 
 def _image_name(frame: int) -> str:

@@ -1,6 +1,6 @@
 """Build the synthetic room from flat faces."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,13 @@ class Face:
     right: FloatArray
     down: FloatArray
     texture: Texture
+
+    def with_contrast(self, contrast: float) -> "Face":
+        """Return the face with its texture scaled about its mean; 1 leaves every texel as it is."""
+        if contrast == 1:
+            return self
+        mean = self.texture.mean()
+        return replace(self, texture=mean + np.float32(contrast) * (self.texture - mean))
 
 
 def build_room(rng: np.random.Generator) -> tuple[Face, ...]:

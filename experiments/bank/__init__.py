@@ -1,0 +1,1 @@
+"""Stored runs of many configurations on many sequences, on which rules are replayed."""

@@ -1,0 +1,30 @@
+"""Fill the bank of runs, pack it into one small file, and replay rules on it."""
+
+import argparse
+import os
+from pathlib import Path
+
+WORK_VARIABLE = "GTF_TUNE_BANK"
+
+
+def main() -> None:
+    arguments = _arguments()
+    work = (arguments.work or Path(os.environ.get(WORK_VARIABLE, "storage/data/bank"))).absolute()
+    if arguments.command == "fill":
+        from experiments.bank.fill import Depot, data_folder, fill, write_line
+
+        fill(Depot(work, data_folder(arguments.data)), arguments.minutes, write_line)
+
+
+def _arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m experiments.bank", description=__doc__)
+    parser.add_argument("--work", type=Path, help=f"folder of the runs themselves (default: ${WORK_VARIABLE})")
+    parser.add_argument("--data", type=Path, help="folder of the real sequences (default: $GTF_TUNE_DATA)")
+    commands = parser.add_subparsers(dest="command", required=True)
+    filling = commands.add_parser("fill", help="make runs that are not stored yet; resumable")
+    filling.add_argument("--minutes", type=float, default=1e6, help="stop after so many minutes")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
