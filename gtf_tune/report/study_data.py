@@ -15,6 +15,7 @@ from gtf_tune.store.runs import StoredRun, TrialRun
 from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement, improvement_of
+from gtf_tune.study.outcome.doubt import doubts_of_detail
 from gtf_tune.study.outcome.recommendation import Recommendation, decide, evidence_of
 from gtf_tune.study.outcome.verdict import Verdict, verdict_of
 
@@ -60,7 +61,8 @@ class StudyData:
     @cached_property
     def recommendation(self) -> Recommendation:
         """Which trial to use; needs all trials of the study."""
-        evidence = evidence_of(definition_unit(self.definition).name, self.trials, self.verdict)
+        doubts = doubts_of_detail(self.details.get(0, {}), self.definition.gtf)
+        evidence = evidence_of(definition_unit(self.definition).name, self.trials, self.verdict, doubts)
         best = evidence.best
         return decide(evidence, self.improvement(best.number) if best else UNKNOWN_IMPROVEMENT)
 

@@ -18,6 +18,7 @@ _GOOD_COVERAGE = 0.9
 def warn_of_lost_frames(database: "Database", study_id: int) -> None:
     """Say on stderr on which sequences the nominal options lose frames, without noise or because of it."""
     from gtf_tune.store import trials
+    from gtf_tune.study.outcome.doubt import frames_lost_to_noise
 
     nominal = trials.nominal(database, study_id)
     if nominal is None or nominal.state != "complete":
@@ -31,11 +32,11 @@ def warn_of_lost_frames(database: "Database", study_id: int) -> None:
                 f"warning: on {name} the nominal options register only {clean:.0%} of the frames; look at 'gtf-tune "
                 "sequence inspect', and give the intrinsics if they are known"
             )
-        if found["coverage"] < _GOOD_COVERAGE * clean:
+        lost = frames_lost_to_noise(found)
+        if lost:
             say(
-                f"warning: on {name} noise costs the nominal options frames ({clean:.0%} without it, "
-                f"{found['coverage']:.0%} in the worst run), so the score says little; find a weaker noise with "
-                "'gtf-tune noise', and create a new study with --noise-sigma"
+                f"warning: on {name} {lost}, so the score says little; find a weaker noise with 'gtf-tune noise', and "
+                "create a new study with --noise-sigma"
             )
 
 
@@ -75,6 +76,11 @@ def suggest_step(found: "Recommendation", database: "Database", study: "Study") 
         say(f"Next: gtf-tune study confirm {name}{flag}")
     elif found.step == "new study":
         say(f"create a study whose nominal options (--option) work. Next: gtf-tune study report {name}{flag}")
+    elif found.step == "other noise":
+        say(
+            "create a study with a weaker noise (--noise-sigma; 'gtf-tune noise' finds one) or with nominal options "
+            f"that work. Next: gtf-tune study report {name}{flag}"
+        )
     elif found.step == "extend":
         say(f"Next: gtf-tune study extend {name} --trials N{flag}")
     else:

@@ -8,7 +8,8 @@ A candidate may be adopted only if all of this holds:
 - no more of its runs than of nominal's miss the coverage floor, no more pairs of runs share less than half of their
   frames, and no more noisy runs collapse, by one limit for both (`common_collapses`).
 
-Of several such candidates the one is adopted whose 95 % interval begins highest: a larger improvement with a wide
+Where nominal itself falls apart or loses its frames under noise the score says little, and no candidate is adopted
+(`doubt`). Of several candidates that pass the one is adopted whose 95 % interval begins highest: a larger improvement with a wide
 interval is more often luck. Where nominal itself does not work there is nothing to compare with, and no verdict.
 """
 
@@ -23,6 +24,7 @@ from gtf_tune.errors import TrajectoryError
 from gtf_tune.gtf import GtfScore, PairedDifference, common_collapses, difference_over_sequences, holm
 from gtf_tune.gtf.random_effects import FEWEST_INSTANCES
 from gtf_tune.pipelines import OptionValue
+from gtf_tune.study.outcome.doubt import doubts_of_scores
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement
 from gtf_tune.study.outcome.verdict import (
     ADOPT,
@@ -74,6 +76,7 @@ class _Compared:
     together: PairedDifference | None
     by_sequence: Mapping[str, PairedDifference | None]
     faults: tuple[str, ...]
+    holdouts: frozenset[str]
 
 
 def judge(findings: Findings, gtf: GtfDefinition) -> Verdict:
@@ -82,9 +85,10 @@ def judge(findings: Findings, gtf: GtfDefinition) -> Verdict:
     if nominal is None:
         return Verdict(KEEP, None, (), None)
     compared = [_compare(nominal, candidate, findings.holdouts, gtf) for candidate in findings.candidates]
+    doubts = doubts_of_scores(nominal.scores, [name for name in nominal.scores if name not in findings.holdouts])
     adjusted = holm([1.0 if comparison.together is None else comparison.together.p_value for comparison in compared])
     candidates = tuple(
-        _candidate(comparison, float(p_value), nominal, findings.holdouts)
+        _candidate(comparison, [*doubts, *_reasons(comparison, float(p_value), nominal)], p_value)
         for comparison, p_value in zip(compared, adjusted, strict=True)
     )
     adopted = max(
@@ -98,6 +102,7 @@ def judge(findings: Findings, gtf: GtfDefinition) -> Verdict:
         adopted=adopted.number if adopted else None,
         candidates=candidates,
         nominal=MeasuredNominal(nominal.number, dict(nominal.options), facts),
+        doubts=doubts,
     )
 
 
@@ -120,7 +125,7 @@ def _compare(nominal: Measured, candidate: Measured, holdouts: frozenset[str], g
         fault for name in nominal.scores for fault in _faults(name, nominal.scores[name], candidate.scores[name], gtf)
     ]
     faults += [f"worse on {name}" for name, found in by_sequence.items() if found is not None and _is_worse(found)]
-    return _Compared(candidate, together, by_sequence, tuple(faults))
+    return _Compared(candidate, together, by_sequence, tuple(faults), holdouts)
 
 
 def _difference(pairs: Sequence[tuple[GtfScore, GtfScore]]) -> PairedDifference | None:
@@ -173,31 +178,30 @@ def _missing(score: GtfScore, floor: CoverageFloor) -> list[tuple[float, float, 
     return [(wanted - coverage, coverage, wanted) for coverage, wanted in runs]
 
 
-def _candidate(compared: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> Candidate:
-    reasons = _reasons(compared, adjusted, nominal, holdouts)
+def _candidate(compared: _Compared, reasons: Sequence[str], adjusted: float) -> Candidate:
     return Candidate(
         number=compared.candidate.number,
         options=dict(compared.candidate.options),
         value=_value(compared),
         improvement=_improvement(compared.together),
         p_value=_p_value(compared.together),
-        adjusted_p_value=adjusted,
+        adjusted_p_value=float(adjusted),
         passes=not reasons,
         reasons=tuple(reasons),
         by_sequence={
             name: SequenceComparison(
-                _facts(compared.candidate.scores[name]), _improvement(found), _p_value(found), name in holdouts
+                _facts(compared.candidate.scores[name]), _improvement(found), _p_value(found), name in compared.holdouts
             )
             for name, found in compared.by_sequence.items()
         },
     )
 
 
-def _reasons(compared: _Compared, adjusted: float, nominal: Measured, holdouts: frozenset[str]) -> list[str]:
+def _reasons(compared: _Compared, adjusted: float, nominal: Measured) -> list[str]:
     """Return all that speaks against a candidate."""
     reasons = list(compared.faults)
-    if compared.together is None and _fails(nominal, holdouts):
-        name, count = min(_working(nominal).items(), key=lambda item: (item[0] in holdouts, item[1]))
+    if compared.together is None and _fails(nominal, compared.holdouts):
+        name, count = min(_working(nominal).items(), key=lambda item: (item[0] in compared.holdouts, item[1]))
         of_all = f"{count} of {len(nominal.scores[name].coverage_noisy)} noisy runs on {name}"
         reasons.append(f"cannot be compared with nominal, which worked in {of_all}")
     elif compared.together is None:

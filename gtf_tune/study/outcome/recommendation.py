@@ -14,17 +14,21 @@ from gtf_tune.store import confirmations, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study, stored_definition
 from gtf_tune.store.trials import Trial
+from gtf_tune.study.outcome.doubt import doubts_of_detail
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement, read_improvements
 from gtf_tune.study.outcome.verdict import ADOPT, KEEP, NO_VERDICT, Verdict, verdict_of
 
-Decision = Literal["adopt", "keep nominal", "neither", "unconfirmed", "nothing better", "nothing feasible"]
+Decision = Literal[
+    "adopt", "keep nominal", "neither", "unconfirmed", "nothing better", "nothing feasible", "says little"
+]
 
 NEITHER: Final = "neither"
 UNCONFIRMED: Final = "unconfirmed"
 NOTHING_BETTER: Final = "nothing better"
 NOTHING_FEASIBLE: Final = "nothing feasible"
+SAYS_LITTLE: Final = "says little"
 
-Step = Literal["confirm", "export", "extend", "new study", "wait"]
+Step = Literal["confirm", "export", "extend", "new study", "other noise", "wait"]
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,8 @@ class Evidence:
         The verdict of the last confirmation.
     num_trials, num_feasible
         How many trials there are, and how many of them are complete and feasible.
+    search_doubts
+        Why the score says little, by nominal's runs of the search.
     """
 
     score: str
@@ -52,6 +58,13 @@ class Evidence:
     confirmation: Verdict | None = None
     num_trials: int = 0
     num_feasible: int = 0
+    search_doubts: tuple[str, ...] = ()
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the score says little: by the fresh runs of the last confirmation where they were looked at."""
+        fresh = self.confirmation.doubts if self.confirmation else None
+        return self.search_doubts if fresh is None else fresh
 
     @property
     def has_nominal(self) -> bool:
@@ -86,7 +99,7 @@ class Recommendation:
         ``adopt`` and ``keep nominal`` come from the last confirmation and stand until the next one. ``neither``: the
         confirmation adopted nothing, and nominal does not work either. ``unconfirmed``: the best trial of the search,
         not confirmed yet. ``nothing better``: no trial of the search beats nominal. ``nothing feasible``: no trial may
-        be used.
+        be used. ``says little``: not confirmed, and nominal's runs are such that no confirmation would count.
     trial
         The trial to use, "the best" wherever one is shown; None for ``neither`` and ``nothing feasible``.
     improvement
@@ -104,6 +117,11 @@ class Recommendation:
     def is_confirmed(self) -> bool:
         """Whether fresh noise speaks for the trial to use."""
         return self.decision in (ADOPT, KEEP)
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether nominal is kept because the score says little."""
+        return bool(self.evidence.doubts) and self.decision in (KEEP, SAYS_LITTLE)
 
     @property
     def beside_nominal(self) -> Trial | None:
@@ -125,6 +143,7 @@ class Recommendation:
             UNCONFIRMED: f"Trial {number} is the best so far; not confirmed yet",
             NOTHING_BETTER: "Keep the nominal options so far",
             NOTHING_FEASIBLE: "No trial is feasible so far",
+            SAYS_LITTLE: "Keep the nominal options",
         }[self.decision]
 
     @property
@@ -137,8 +156,9 @@ class Recommendation:
             UNCONFIRMED: self._why_unconfirmed,
             NOTHING_BETTER: self._why_nothing_better,
             NOTHING_FEASIBLE: self._why_nothing_feasible,
+            SAYS_LITTLE: self._why_doubted,
         }[self.decision]
-        newer = self.evidence.newer if self.is_confirmed else None
+        newer = self.evidence.newer if self.is_confirmed and not self.is_doubted else None
         return (*reason(), *(() if newer is None else (_about_newer(newer, self.evidence.score),)))
 
     @property
@@ -149,6 +169,8 @@ class Recommendation:
     @property
     def step(self) -> Step:
         """What to do next."""
+        if self.is_doubted:
+            return "other noise"
         if self.is_confirmed:
             return "confirm" if self.evidence.newer else "export"
         steps: dict[Decision, Step] = {NEITHER: "new study", UNCONFIRMED: "confirm", NOTHING_BETTER: "extend"}
@@ -182,8 +204,13 @@ class Recommendation:
         surest = (f"Of {passed} candidates that passed, its improvement is the surest.",) if passed > 1 else ()
         return (f"{self.evidence.score} {self.improvement.text} against nominal, on fresh noise.", *surest)
 
+    def _why_doubted(self) -> tuple[str, ...]:
+        return self.evidence.doubts
+
     def _why_kept(self) -> tuple[str, ...]:
         verdict = self.evidence.confirmation
+        if self.evidence.doubts:
+            return self.evidence.doubts
         if verdict is None or verdict.leading is None:
             return (
                 f"No trial had a smaller {self.evidence.score} than nominal in the search, so there was nothing to "
@@ -235,7 +262,8 @@ class Recommendation:
 def decide(evidence: Evidence, improvement: Improvement = UNKNOWN_IMPROVEMENT) -> Recommendation:
     """Return which trial to use.
 
-    A confirmation counts as long as it adopted a trial or keeps nominal options that work: trials that came later do
+    Where the score says little nominal is kept, whatever a confirmation of an earlier version found. Otherwise a
+    confirmation counts as long as it adopted a trial or keeps nominal options that work: trials that came later do
     not undo it, they are named beside it. Where it came to nothing, a later best trial is looked at anew.
 
     Parameters
@@ -246,6 +274,8 @@ def decide(evidence: Evidence, improvement: Improvement = UNKNOWN_IMPROVEMENT) -
     verdict = evidence.confirmation
     if evidence.best is None:
         return Recommendation(NOTHING_FEASIBLE, None, UNKNOWN_IMPROVEMENT, evidence)
+    if evidence.has_nominal and evidence.doubts:
+        return Recommendation(KEEP if verdict else SAYS_LITTLE, evidence.nominal, UNKNOWN_IMPROVEMENT, evidence)
     if verdict is not None and verdict.adopted_candidate is not None and evidence.adopted is not None:
         return Recommendation(ADOPT, evidence.adopted, verdict.adopted_candidate.improvement, evidence)
     if verdict is not None and verdict.word == KEEP and evidence.has_nominal:
@@ -272,8 +302,10 @@ def recommend(database: Database, study: Study) -> Recommendation:
     return decide(evidence, found)
 
 
-def evidence_of(score: str, known: Sequence[Trial], verdict: Verdict | None) -> Evidence:
-    """Return the evidence from all trials of a study and the verdict of its last confirmation."""
+def evidence_of(
+    score: str, known: Sequence[Trial], verdict: Verdict | None, doubts: tuple[str, ...] = ()
+) -> Evidence:
+    """Return the evidence from all trials of a study, the verdict of its last confirmation, and doubts of the score."""
     feasible = [trial for trial in known if trial.state == "complete" and trial.feasible and trial.value is not None]
     by_number = {trial.number: trial for trial in known}
     return Evidence(
@@ -284,6 +316,7 @@ def evidence_of(score: str, known: Sequence[Trial], verdict: Verdict | None) -> 
         confirmation=verdict,
         num_trials=len(known),
         num_feasible=len(feasible),
+        search_doubts=doubts,
     )
 
 
@@ -320,14 +353,17 @@ def _read_evidence(database: Database, study: Study) -> Evidence:
     verdict = verdict_of(known[-1]) if known else None
     efforts = trials.efforts(database, study.id)
     adopted = trials.get(database, study.id, verdict.adopted) if verdict and verdict.adopted is not None else None
+    definition, nominal = stored_definition(study), trials.nominal(database, study.id)
+    detail = trials.details(database, [nominal.id])[nominal.id] if nominal and nominal.state == "complete" else {}
     return Evidence(
-        score=definition_unit(stored_definition(study)).name,
-        nominal=trials.nominal(database, study.id),
+        score=definition_unit(definition).name,
+        nominal=nominal,
         best=trials.best(database, study.id),
         adopted=adopted,
         confirmation=verdict,
         num_trials=sum(effort.count for effort in efforts),
         num_feasible=sum(effort.count for effort in efforts if effort.state == "complete" and effort.feasible),
+        search_doubts=doubts_of_detail(detail, definition.gtf),
     )
 
 

@@ -158,6 +158,8 @@ class Verdict:
         What nominal was measured at; None where there was no candidate to compare with.
     noisy_runs
         Fresh noisy runs of each configuration on each sequence; 0 where it was not stored.
+    doubts
+        Why the score says little, by nominal's fresh runs; None where nobody looked (an earlier version, no runs).
     """
 
     word: VerdictWord
@@ -165,6 +167,7 @@ class Verdict:
     candidates: tuple[Candidate, ...]
     nominal: MeasuredNominal | None
     noisy_runs: int = 0
+    doubts: tuple[str, ...] | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return the stored form, which `study confirm --json` prints."""
@@ -174,6 +177,7 @@ class Verdict:
             "candidates": [candidate.as_json() for candidate in self.candidates],
             "nominal": self.nominal.as_json() if self.nominal else None,
             "runs": self.noisy_runs,
+            **({} if self.doubts is None else {"doubts": list(self.doubts)}),
         }
 
     @classmethod
@@ -186,6 +190,7 @@ class Verdict:
             candidates=tuple(Candidate.from_json(candidate) for candidate in stored.get("candidates") or ()),
             nominal=MeasuredNominal.from_json(nominal) if nominal else None,
             noisy_runs=int(stored.get("runs") or 0),
+            doubts=tuple(stored["doubts"]) if "doubts" in stored else None,
         )
 
     @property
