@@ -46,13 +46,17 @@ def test_frames_that_noise_costs_are_told_apart_from_those_missing_anyway(cli: C
     cli("study", "run", "small", "-j", "1")
     with contextlib.closing(sqlite3.connect(tmp_path / "gtf-tune.db", isolation_level=None)) as database:
         database.execute(
-            "UPDATE gtf_trial SET detail = json_set(detail, '$.sequences.room.coverage', 0.4) WHERE ordinal = 0"
+            "UPDATE gtf_trial SET detail = json_set(detail, '$.sequences.room.coverage_noisy', json('[1, 0.4, 0.4]')) "
+            "WHERE ordinal = 0"
         )
 
-    said = cli("study", "best", "small").err
+    said = cli("study", "best", "small")
 
-    assert "noise costs the nominal options frames (100% without it, 40% in the worst run)" in said
-    assert "registers only" not in said
+    assert "noise costs the nominal options frames (100% without it, 40% in the median noisy run)" in said.err
+    assert "registers only" not in said.err
+    assert "Keep the nominal options" in said.out
+    assert "why      The score says little on room" in said.out
+    assert "--noise-sigma" in said.err
 
 
 def test_trials_of_another_version_say_so_and_a_pick_among_them_is_warned_of(

@@ -195,3 +195,29 @@ def test_a_summary_and_the_whole_name_the_same_trial() -> None:
 
 def test_evidence_without_trials_is_no_error() -> None:
     assert decide(Evidence("GTF ATE", None, None)).decision == "nothing feasible"
+
+
+DOUBT = ("The score says little on room: 67% of nominal's noisy runs diverged.",)
+
+
+def doubtful(verdict: Verdict | None = None) -> Recommendation:
+    return decide(evidence_of("GTF ATE", (NOMINAL, SECOND, BEST), verdict, DOUBT), IN_SEARCH)
+
+
+def test_a_score_that_says_little_recommends_nominal_before_a_confirmation() -> None:
+    found = doubtful()
+
+    assert (found.decision, number(found), found.step) == ("says little", 0, "other noise")
+    assert found.text == f"Keep the nominal options. {DOUBT[0]}"
+
+
+def test_what_an_earlier_version_adopted_does_not_stand_where_the_score_says_little() -> None:
+    found = doubtful(confirmed("adopt", candidate(BEST), adopted=2))
+
+    assert (found.decision, number(found), found.sentences) == ("keep nominal", 0, DOUBT)
+
+
+def test_fresh_runs_of_nominal_that_are_sound_remove_the_doubt_of_the_search() -> None:
+    found = doubtful(replace(confirmed("adopt", candidate(BEST), adopted=2), doubts=()))
+
+    assert (found.decision, number(found)) == ("adopt", 2)

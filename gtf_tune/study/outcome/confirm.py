@@ -5,12 +5,13 @@ on fresh noise with fresh seeds, on the searched sequences and on those held out
 noise instance.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gtf_tune.errors import DefinitionError
-from gtf_tune.gtf import GtfScore, gtf_score
+from gtf_tune.gtf import gtf_score
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Sequence
@@ -18,11 +19,12 @@ from gtf_tune.store import confirmations, studies, trials
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.noise.ladder import with_noise
 from gtf_tune.study.open_study import OpenStudy, folder_of, load_stored_sequence
+from gtf_tune.study.outcome.contradiction import CleanRun
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
 from gtf_tune.study.outcome.recommendation import without_feasible_trial
 from gtf_tune.study.outcome.verdict import Verdict
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
-from gtf_tune.study.runs.run_source import RunSource, finished_by_sequence
+from gtf_tune.study.runs.run_source import FinishedRun, RunSource, finished_by_sequence
 from gtf_tune.study.scoring.objective import settings_of
 
 DEFAULT_TOP = 3
@@ -96,9 +98,9 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Verd
     keys: list[str] = []
     measured = []
     for trial in (plan.nominal, *plan.candidates) if plan.candidates else ():
-        scores, used = _measure(study, plan, trial.options or {}, source)
-        measured.append(Measured(trial.number, trial.options or {}, scores))
-        keys += used
+        finished = source.obtain(_requests(study, plan, trial.options or {}))
+        measured.append(_measured(study, trial, finished))
+        keys += [run.stored.key for run in finished]
     holdouts = frozenset(plan.sequences) - frozenset(study.sequences)
     findings = Findings(measured[0] if measured else None, tuple(measured[1:]), holdouts)
     verdict = replace(judge(findings, study.definition.gtf), noisy_runs=plan.noisy_runs)
@@ -138,17 +140,29 @@ def _all_sequences(study: OpenStudy, places: Mapping[str, Path]) -> dict[str, Se
     return found
 
 
-def _measure(
-    study: OpenStudy, plan: ConfirmationPlan, options: Mapping[str, OptionValue], source: RunSource
-) -> tuple[dict[str, GtfScore], list[str]]:
-    """Return the score of one configuration on every sequence, and the keys of its runs."""
-    finished = source.obtain(_requests(study, plan, options))
+def _measured(study: OpenStudy, trial: Trial, finished: list[FinishedRun]) -> Measured:
+    """Return the score of one configuration on every sequence, and its clean runs that worked."""
     settings = settings_of(study.definition.gtf)
     scores = {
         name: gtf_score(runs.clean, runs.noisy, settings, num_frames=runs.num_frames)
         for name, runs in finished_by_sequence(finished).items()
     }
-    return scores, [run.stored.key for run in finished]
+    clean = {
+        name: tuple(
+            _clean_run(run)
+            for run in finished
+            if run.request.sequence.name == name and run.request.kind == "clean" and len(run.trajectory)
+        )
+        for name in scores
+    }
+    return Measured(trial.number, trial.options or {}, scores, clean)
+
+
+def _clean_run(run: FinishedRun) -> CleanRun:
+    said = run.stored.diagnostics
+    return CleanRun(
+        run.trajectory, float(said.get("num_points3D", math.nan)), float(said.get("mean_track_length", math.nan))
+    )
 
 
 def _requests(study: OpenStudy, plan: ConfirmationPlan, options: Mapping[str, OptionValue]) -> list[RunRequest]:

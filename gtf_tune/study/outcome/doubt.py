@@ -45,13 +45,10 @@ class NominalRuns:
     @classmethod
     def of_score(cls, score: "GtfScore") -> Self:
         """Return what fresh runs say."""
-        settings = score.settings
-        unit = 1.0 if settings.is_relative else score.extent
-        flat = [value for row in (score.matrix / unit).tolist() for value in row if value == value]
         failed = [all(value != value for value in column) for column in score.matrix.T.tolist()]
         lost = [bool(one) or bool(other) for one, other in zip(score.collapsed, failed, strict=True)]
         return cls(
-            movement=median(flat) if flat and settings.metric != "rpe_rotation" else None,
+            movement=movement(score),
             diverged=sum(lost) / len(lost),
             clean_coverage=float(score.coverage_clean.min()),
             noisy_coverage=median(score.coverage_noisy.tolist()),
@@ -85,6 +82,16 @@ class NominalRuns:
                 f"more than {1000 * MOST_MOVEMENT:.0f}"
             )
         return _frames_lost(self.clean_coverage, self.noisy_coverage)
+
+
+def movement(score: "GtfScore") -> float | None:
+    """Return how far trajectories move under noise, the median over pairs of runs, as a fraction of the extent.
+
+    None where the score is no length, or no pair could be measured.
+    """
+    unit = 1.0 if score.settings.is_relative else score.extent
+    known = [value for row in (score.matrix / unit).tolist() for value in row if value == value]
+    return median(known) if known and score.settings.metric != "rpe_rotation" else None
 
 
 def doubts(runs: Mapping[str, NominalRuns]) -> tuple[str, ...]:

@@ -6,16 +6,18 @@ A candidate may be adopted only if all of this holds:
   candidates (Holm);
 - on no sequence, held out or not, is it significantly worse;
 - no more of its runs than of nominal's miss the coverage floor, no more pairs of runs share less than half of their
-  frames, and no more noisy runs collapse, by one limit for both (`common_collapses`).
+  frames, and no more noisy runs collapse, by one limit for both (`common_collapses`);
+- without noise it reconstructs what nominal does (`contradiction`).
 
 Where nominal itself falls apart or loses its frames under noise the score says little, and no candidate is adopted
-(`doubt`). Of several candidates that pass the one is adopted whose 95 % interval begins highest: a larger improvement with a wide
-interval is more often luck. Where nominal itself does not work there is nothing to compare with, and no verdict.
+(`doubt`). Of several candidates that pass the one is adopted whose 95 % interval begins highest: a larger improvement
+with a wide interval is more often luck. Where nominal itself does not work there is nothing to compare with, and no
+verdict.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,7 +26,8 @@ from gtf_tune.errors import TrajectoryError
 from gtf_tune.gtf import GtfScore, PairedDifference, common_collapses, difference_over_sequences, holm
 from gtf_tune.gtf.random_effects import FEWEST_INSTANCES
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.study.outcome.doubt import doubts_of_scores
+from gtf_tune.study.outcome.contradiction import CleanRun, contradictions
+from gtf_tune.study.outcome.doubt import doubts_of_scores, movement
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement
 from gtf_tune.study.outcome.verdict import (
     ADOPT,
@@ -46,11 +49,12 @@ LEAST_IMPROVEMENT = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """One configuration with its fresh score on each sequence."""
+    """One configuration with its fresh score on each sequence, and its clean runs that worked."""
 
     number: int
     options: Mapping[str, OptionValue]
     scores: Mapping[str, GtfScore]
+    clean: Mapping[str, Sequence[CleanRun]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +89,9 @@ def judge(findings: Findings, gtf: GtfDefinition) -> Verdict:
     if nominal is None:
         return Verdict(KEEP, None, (), None)
     compared = [_compare(nominal, candidate, findings.holdouts, gtf) for candidate in findings.candidates]
-    doubts = doubts_of_scores(nominal.scores, [name for name in nominal.scores if name not in findings.holdouts])
+    fails = _fails(nominal, findings.holdouts)
+    searched = [name for name in nominal.scores if name not in findings.holdouts]
+    doubts = () if fails else doubts_of_scores(nominal.scores, searched)
     adjusted = holm([1.0 if comparison.together is None else comparison.together.p_value for comparison in compared])
     candidates = tuple(
         _candidate(comparison, [*doubts, *_reasons(comparison, float(p_value), nominal)], p_value)
@@ -98,7 +104,7 @@ def judge(findings: Findings, gtf: GtfDefinition) -> Verdict:
     )
     facts = {name: _facts(score) for name, score in nominal.scores.items()}
     return Verdict(
-        word=ADOPT if adopted else NO_VERDICT if _fails(nominal, findings.holdouts) else KEEP,
+        word=ADOPT if adopted else NO_VERDICT if fails else KEEP,
         adopted=adopted.number if adopted else None,
         candidates=candidates,
         nominal=MeasuredNominal(nominal.number, dict(nominal.options), facts),
@@ -124,8 +130,16 @@ def _compare(nominal: Measured, candidate: Measured, holdouts: frozenset[str], g
     faults = [
         fault for name in nominal.scores for fault in _faults(name, nominal.scores[name], candidate.scores[name], gtf)
     ]
+    faults += [
+        f"on {name} it {fault}" for name in nominal.scores for fault in _contradictions(name, nominal, candidate)
+    ]
     faults += [f"worse on {name}" for name, found in by_sequence.items() if found is not None and _is_worse(found)]
     return _Compared(candidate, together, by_sequence, tuple(faults), holdouts)
+
+
+def _contradictions(name: str, nominal: Measured, candidate: Measured) -> tuple[str, ...]:
+    moved = [movement(measured.scores[name]) for measured in (nominal, candidate)]
+    return contradictions(nominal.clean.get(name, ()), candidate.clean.get(name, ()), sum(one or 0.0 for one in moved))
 
 
 def _difference(pairs: Sequence[tuple[GtfScore, GtfScore]]) -> PairedDifference | None:

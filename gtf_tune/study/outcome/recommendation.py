@@ -302,9 +302,7 @@ def recommend(database: Database, study: Study) -> Recommendation:
     return decide(evidence, found)
 
 
-def evidence_of(
-    score: str, known: Sequence[Trial], verdict: Verdict | None, doubts: tuple[str, ...] = ()
-) -> Evidence:
+def evidence_of(score: str, known: Sequence[Trial], verdict: Verdict | None, doubts: tuple[str, ...] = ()) -> Evidence:
     """Return the evidence from all trials of a study, the verdict of its last confirmation, and doubts of the score."""
     feasible = [trial for trial in known if trial.state == "complete" and trial.feasible and trial.value is not None]
     by_number = {trial.number: trial for trial in known}

@@ -30,11 +30,6 @@ MARK = ".gtf-tune.json"
 _LOG_LINES = 3
 
 
-_KEPT_FRAMES = 0.95
-_KEPT_POINTS = 0.5
-"""Shares of nominal's registered images and points below which a full-size model is not handed over as adopted."""
-
-
 @dataclass(frozen=True)
 class Configurations:
     """The two configurations that are reconstructed, each as the options that differ from the pipeline's defaults."""
@@ -104,7 +99,7 @@ def hand_over(
             announce(f"reconstructing {len(names)} images with the adopted options")
             _reconstruct(work, "sparse", "options.json")
             adopted = read_model(work / "sparse" / "0", names)
-            vetoed = _lost(adopted, nominal)
+            vetoed = _contradicted(adopted, nominal)
         if adopted is nominal or vetoed:
             adopted = _take_nominal(work, nominal)
         chosen = configurations.nominal if vetoed else configurations.adopted
@@ -152,16 +147,15 @@ def scaled_to(options: Mapping[str, OptionValue], pixels: frozenset[str], factor
     }
 
 
-def _lost(adopted: "SparseModel", nominal: "SparseModel") -> str:
-    """Return what the adopted configuration loses on the whole sequence; empty where nothing."""
-    if len(adopted.trajectory) < _KEPT_FRAMES * len(nominal.trajectory):
-        return (
-            f"on all images it registers {len(adopted.trajectory)} images where nominal registers "
-            f"{len(nominal.trajectory)}"
-        )
-    if adopted.num_points < _KEPT_POINTS * nominal.num_points:
-        return f"on all images it keeps {adopted.num_points} points where nominal has {nominal.num_points}"
-    return ""
+def _contradicted(adopted: "SparseModel", nominal: "SparseModel") -> str:
+    """Return how the adopted configuration contradicts nominal on the whole sequence; empty where it does not."""
+    from gtf_tune.study.outcome.contradiction import CleanRun, contradictions
+
+    both = [
+        CleanRun(model.trajectory, float(model.num_points), model.mean_track_length) for model in (nominal, adopted)
+    ]
+    found = contradictions(both[:1], both[1:], explained=0.0)
+    return f"on all images the adopted configuration {found[0]}" if found else ""
 
 
 def _take_nominal(work: Path, nominal: "SparseModel") -> "SparseModel":
