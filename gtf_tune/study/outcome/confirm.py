@@ -23,8 +23,8 @@ from gtf_tune.study.outcome.contradiction import CleanRun
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
 from gtf_tune.study.outcome.recommendation import without_feasible_trial
 from gtf_tune.study.outcome.verdict import Verdict
-from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
-from gtf_tune.study.runs.run_source import FinishedRun, RunSource, finished_by_sequence
+from gtf_tune.study.runs.plan import FinishedRun, RunPlanner, SeedSource, run_order
+from gtf_tune.study.runs.run_source import RunSource, finished_by_sequence
 from gtf_tune.study.scoring.objective import settings_of
 
 DEFAULT_TOP = 3
