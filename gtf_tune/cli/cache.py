@@ -31,7 +31,7 @@ def info(cache_dir: CacheDir = None, json: Json = False) -> None:
 
 
 def prune(
-    limit_gb: Annotated[float, typer.Option("--limit-gb", min=0, help="Keep at most this much.")] = 20.0,
+    limit_gb: Annotated[float, typer.Option("--limit-gb", min=0, max=1e9, help="Keep at most this much.")] = 20.0,
     cache_dir: CacheDir = None,
 ) -> None:
     """Drop the least recently used stages until the rest fits.

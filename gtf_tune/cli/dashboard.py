@@ -12,7 +12,9 @@ from gtf_tune.cli.terminal.console import say
 
 def dashboard(
     host: Annotated[str, typer.Option("--host", help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", help="Port to listen on; 0 takes any free one.")] = 8080,
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65_535, help="Port to listen on; 0 takes any free one.")
+    ] = 8080,
     artifacts: Annotated[
         Path | None, typer.Option("--artifacts", help="Folder of the attached files (default: beside a SQLite file).")
     ] = None,

@@ -78,7 +78,9 @@ Reference = Annotated[Path, typer.Argument(help="Reference trajectory (TUM, KITT
 Estimate = Annotated[Path, typer.Argument(help="Estimated trajectory.")]
 AlignmentFlag = Annotated[Alignment, typer.Option("--alignment", help="How the estimate is laid on the reference.")]
 FormatFlag = Annotated[Format, typer.Option("--format", help="Format of both files.")]
-MaxDifference = Annotated[float, typer.Option("--max-difference", min=0.0, help="Association tolerance in seconds.")]
+MaxDifference = Annotated[
+    float, typer.Option("--max-difference", min=0.0, max=1e12, help="Association tolerance in seconds.")
+]
 Clean = Annotated[
     list[str], typer.Option("--clean", metavar="PATH|GLOB", help="Trajectories from clean images; repeatable.")
 ]
@@ -117,7 +119,9 @@ def rpe(
     reference: Reference,
     estimate: Estimate,
     relation: Annotated[Relation, typer.Option("--relation", help="What is compared.")] = Relation.translation,
-    delta: Annotated[float, typer.Option("--delta", help="Distance between the two poses of a pair.")] = 1.0,
+    delta: Annotated[
+        float, typer.Option("--delta", min=1e-9, max=1e9, help="Distance between the two poses of a pair.")
+    ] = 1.0,
     unit: Annotated[Unit, typer.Option("--unit", help="Unit of delta.")] = Unit.frames,
     pairs: Annotated[Pairs, typer.Option("--pairs", help="Every pose starts a pair, or only the last one's end.")] = (
         Pairs.all

@@ -24,7 +24,9 @@ CacheDir = Annotated[
     typer.Option("--cache-dir", envvar="GTF_TUNE_CACHE_DIR", help="Folder of the stage cache.", show_envvar=True),
 ]
 NoCache = Annotated[bool, typer.Option("--no-cache", help="Compute every stage of every run anew.")]
-Jobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Runs side by side (default: cores).")]
+Jobs = Annotated[
+    int | None, typer.Option("--jobs", "-j", min=1, max=10_000, help="Runs side by side (default: cores).")
+]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--setting", metavar="NAME=VALUE", help="A setting of the pipeline that is no option (pairing=...)."),

@@ -74,9 +74,11 @@ def layouts() -> None:
 def extract(
     video: Annotated[Path, typer.Argument(help="Video file.")],
     folder: Annotated[Path, typer.Argument(help="New folder for the frames.")],
-    rate_hz: Annotated[float, typer.Option("--rate-hz", help="Frames to take a second.")] = 5.0,
+    rate_hz: Annotated[float, typer.Option("--rate-hz", min=1e-6, max=1e6, help="Frames to take a second.")] = 5.0,
     choice: Annotated[Choice, typer.Option("--choice", help="Which frame of each period.")] = Choice.sharpest,
-    max_frames: Annotated[int, typer.Option("--max-frames", help="Stop after so many (0: no limit).")] = 0,
+    max_frames: Annotated[
+        int, typer.Option("--max-frames", min=0, max=10**9, help="Stop after so many (0: no limit).")
+    ] = 0,
 ) -> None:
     """Take frames out of a video, the sharpest of each period unless told otherwise.
 
@@ -91,8 +93,10 @@ def extract(
 
 def render(
     folder: Annotated[Path, typer.Argument(help="New folder for the sequence.")],
-    frames: Annotated[int, typer.Option("--frames", help="Number of frames.")] = 24,
-    seed: Annotated[int, typer.Option("--seed", help="Another seed gives another room and path.")] = 0,
+    frames: Annotated[int, typer.Option("--frames", min=2, max=10**6, help="Number of frames.")] = 24,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, max=2**31 - 1, help="Another seed gives another room and path.")
+    ] = 0,
 ) -> None:
     """Render a textured room with exact ground truth.
 

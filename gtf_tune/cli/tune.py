@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 Source = Annotated[
     Path, typer.Argument(metavar="IMAGES|FILE.toml", help="Images in any known layout, or a study definition.")
 ]
-Minutes = Annotated[float, typer.Option("--minutes", "-m", min=0.1, help="Wall time for everything.")]
+Minutes = Annotated[float, typer.Option("--minutes", "-m", min=0.1, max=1e6, help="Wall time for everything.")]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the outcome (default SOURCE-tuned).")]
 New = Annotated[bool, typer.Option("--new", help="Begin another study, even if one of the same images is under way.")]
 Tier = Annotated[

@@ -1,18 +1,18 @@
 """Read values and pairs from the command line."""
 
-import json
-import tomllib
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gtf_tune.errors import DefinitionError
+from gtf_tune.input_files import parse_json, parse_toml, read_input_text
 
 if TYPE_CHECKING:
     from gtf_tune.sequence.selection import Selection
 
 
+_MOST_FRAMES = 10**9
 # Fields of a selection that have flags of their own, or none.
 _OWN_FLAGS = ("exclude", "recursive", "rules")
 
@@ -22,8 +22,8 @@ def parse_value(text: str) -> Any:
     if text.lower() in ("true", "false"):
         return text.lower() == "true"
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        return parse_toml(f"value = {text}")["value"]
+    except ValueError:
         return text
 
 
@@ -71,11 +71,12 @@ def parse_options(texts: list[str] | None, flag: str) -> dict[str, Any]:
 def _options_of(path: Path, flag: str) -> dict[str, Any]:
     """Return the options of a JSON file by their dotted paths; tables in tables are parts of a path."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = parse_json(read_input_text(path))
     except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
         raise DefinitionError(
             f"{flag} takes OPTION=VALUE or a JSON file such as 'gtf-tune study export --format json' writes, and "
-            f"'{path}' is neither ({error})"
+            f"'{path}' is neither ({reason})"
         ) from error
     if not isinstance(found, dict):
         raise DefinitionError(f"{flag} {path}: the file should hold an object of options, not {str(found)[:40]!r}")
@@ -103,4 +104,6 @@ def parse_frames(texts: list[str] | None) -> "Selection":
     for name, value in given.items():
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise DefinitionError(f"--frames {name} takes a number, not '{option_text(value)}'")
+        if abs(value) > _MOST_FRAMES:
+            raise DefinitionError(f"--frames {name} takes at most {_MOST_FRAMES:g}")
     return Selection(**given)

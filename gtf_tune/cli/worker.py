@@ -26,7 +26,7 @@ DataRoot = Annotated[
 Once = Annotated[bool, typer.Option("--once", help="Leave when nothing is left to do.")]
 IdleExit = Annotated[
     float | None,
-    typer.Option("--idle-exit", min=0.0, metavar="S", help="Leave after so many seconds without work."),
+    typer.Option("--idle-exit", min=0.0, max=1e9, metavar="S", help="Leave after so many seconds without work."),
 ]
 
 

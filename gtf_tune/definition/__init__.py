@@ -1,5 +1,6 @@
 """Define a study: the TOML file, its checks, and what every field means."""
 
+from gtf_tune.definition.bounds import bound_faults, refuse_unbounded
 from gtf_tune.definition.gtf import GtfDefinition, NoisyRuns, SideMetricDefinition
 from gtf_tune.definition.loading import definition_from_dict, dump_definition, load_definition, read_toml
 from gtf_tune.definition.model import (
@@ -27,8 +28,10 @@ __all__ = [
     "SideMetricDefinition",
     "StudyDefinition",
     "ValuesAxis",
+    "bound_faults",
     "definition_from_dict",
     "dump_definition",
     "load_definition",
     "read_toml",
+    "refuse_unbounded",
 ]

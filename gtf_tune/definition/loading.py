@@ -1,7 +1,6 @@
 """Read study definitions, and name every fault of a file in one message."""
 
 import json
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -12,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 from gtf_tune.definition.messages import fault_sentences
 from gtf_tune.definition.model import StudyDefinition
 from gtf_tune.errors import DefinitionError, numbered
+from gtf_tune.input_files import parse_toml, read_input_text
 
 _Section = TypeVar("_Section", bound=BaseModel)
 
@@ -19,12 +19,13 @@ _Section = TypeVar("_Section", bound=BaseModel)
 def read_toml(path: Path, kind: str = "a study definition") -> dict[str, Any]:
     """Return the contents of a TOML file of some ``kind``, or raise `DefinitionError` with the line of the fault."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return parse_toml(read_input_text(path))
     except FileNotFoundError as error:
         raise DefinitionError(f"{path}: there is no such file; give the path of {kind} (TOML)") from error
     except (OSError, UnicodeDecodeError) as error:
-        raise DefinitionError(f"{path}: cannot be read as text ({error}); give {kind} (TOML)") from error
-    except tomllib.TOMLDecodeError as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise DefinitionError(f"{path}: cannot be read as text ({reason}); give {kind} (TOML)") from error
+    except ValueError as error:
         raise DefinitionError(f"{path}: not valid TOML: {error}; correct that line") from error
 
 

@@ -88,7 +88,7 @@ def _table(value: object) -> Mapping[str, Any]:
 
 
 def _quote(section: Place, name: tuple[str, ...]) -> str:
-    return f"'{_dotted((*section, *name))}': write the name in quotes: \"{'.'.join(name)}\" = ..."
+    return f"'{dotted((*section, *name))}': write the name in quotes: \"{'.'.join(name)}\" = ..."
 
 
 def _place(error: Any, data: Mapping[str, Any]) -> Place:
@@ -108,7 +108,7 @@ def _place(error: Any, data: Mapping[str, Any]) -> Place:
 
 
 def _sentence(error: Any, place: Place, model: type[BaseModel], hints: Mapping[str, str]) -> str:
-    where = _dotted(place)
+    where = dotted(place)
     if error["type"] == "extra_forbidden":
         return _unknown_key(place, _known_keys(model, place[:-1], error["loc"]))
     if error["type"] == "missing":
@@ -129,14 +129,15 @@ def _other_kind(place: Place, errors: list[Any]) -> str:
     given = errors[0]["input"]
     shown = "a table" if isinstance(given, Mapping) else "a list" if isinstance(given, list) else repr(given)
     listed = " or ".join(", ".join(kinds).rsplit(", ", 1))
-    return f"'{_dotted(place)}': should be {listed}, not {shown}"
+    return f"'{dotted(place)}': should be {listed}, not {shown}"
 
 
 def _words(expected: str) -> str:
     return expected.replace(" or ", ", ")
 
 
-def _dotted(place: Place) -> str:
+def dotted(place: Place) -> str:
+    """Return a place of a definition as users write it: ``sequences[0].path``, ``space."matching.max_ratio"``."""
     text = ""
     for part in place:
         if isinstance(part, int):
@@ -150,7 +151,7 @@ def _dotted(place: Place) -> str:
 
 def _unknown_key(place: Place, known: list[str]) -> str:
     hint = did_you_mean(str(place[-1]), known, cutoff=0.55, otherwise=f"known are {', '.join(sorted(known))}")
-    return f"unknown key '{_dotted(place)}'; {hint}"
+    return f"unknown key '{dotted(place)}'; {hint}"
 
 
 def _known_keys(model: type[BaseModel], place: Place, location: tuple[int | str, ...]) -> list[str]:

@@ -9,6 +9,7 @@ from gtf_tune.errors import DefinitionError, OptionError, first_remedy
 OptionValue = bool | int | float | str
 
 _SUGGESTIONS = 3
+_LARGEST_WHOLE = 2**63
 
 
 def option_text(value: object, digits: int = 0) -> str:
@@ -98,6 +99,8 @@ def _convert(spec: OptionSpec, value: object) -> OptionValue:
 def _convert_type(spec: OptionSpec, value: object) -> OptionValue:
     if isinstance(value, float) and value.is_integer() and spec.kind == "int":
         value = int(value)
+    if isinstance(value, int) and abs(value) >= _LARGEST_WHOLE:
+        raise OptionError(f"option '{spec.name}' takes numbers of at most 18 digits")
     if isinstance(value, int) and not isinstance(value, bool) and spec.kind == "float":
         value = float(value)
     if isinstance(value, int) and not isinstance(value, bool) and str(value) in spec.choices:

@@ -53,7 +53,7 @@ def write_report(
     """
     page = build_report(database, study_name, definition, snippets)
     try:
-        path.write_text(page, encoding="utf-8")
+        path.write_text(page, encoding="utf-8", errors="backslashreplace")  # names of folders may be no UTF-8
     except OSError as error:
         raise DefinitionError(f"{path} cannot be written ({error.strerror}); give another file with -o") from error
 

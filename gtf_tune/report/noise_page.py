@@ -36,7 +36,7 @@ def write_noise_page(path: Path, scale: NoiseScale, sequence: str, pipeline: str
         PageHead("Noise level", sequence, facts, __version__), [Section("noise", "Linearity", _TEXT, drawings)]
     )
     try:
-        path.write_text(page, encoding="utf-8")
+        path.write_text(page, encoding="utf-8", errors="backslashreplace")
     except OSError as error:
         raise DefinitionError(f"{path} cannot be written ({error.strerror}); give another file") from error
 

@@ -44,6 +44,7 @@ def read_grey(path: Path) -> GreyImage:
         The file is missing, empty, damaged, not an image, too large, or neither 8 nor 16 bits deep.
     """
     data = _read_bytes(path)
+    _check_size(path, *(_size_from_header(data[:_HEADER_BYTES]) or (1, 1)))
     check_complete(path, io.BytesIO(data), len(data))
     check_undamaged(path, data)
     return _to_grey(path, _decoded(path, data))

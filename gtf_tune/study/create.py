@@ -11,8 +11,15 @@ import optuna
 from optuna.exceptions import ExperimentalWarning
 from pydantic import TypeAdapter, ValidationError
 
-from gtf_tune.definition import Axis, StudyDefinition, definition_from_dict, dump_definition
-from gtf_tune.errors import DefinitionError, GtfTuneError, OptunaStudyError, SequenceError, first_remedy
+from gtf_tune.definition import (
+    Axis,
+    StudyDefinition,
+    bound_faults,
+    definition_from_dict,
+    dump_definition,
+    refuse_unbounded,
+)
+from gtf_tune.errors import DefinitionError, GtfTuneError, OptunaStudyError, SequenceError, first_remedy, numbered
 from gtf_tune.pipelines import OptionTable, OptionValue, Pipeline, create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
@@ -41,12 +48,16 @@ def checked_definition(
     DefinitionError
         Something is wrong; the message names every fault of the file, the shape of it and the options in it alike.
     """
+    refuse_unbounded(data, source)
     faults = _option_faults(data)
     try:
-        return definition_from_dict(data, source, map(str, faults), hints)
+        definition = definition_from_dict(data, source, map(str, faults), hints)
     except DefinitionError as error:
         error.remedy = first_remedy(faults)
         raise
+    if excesses := bound_faults(definition):
+        raise DefinitionError(f"{source}: {numbered(excesses)}")
+    return definition
 
 
 def create_study(

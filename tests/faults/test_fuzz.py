@@ -11,10 +11,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from gtf_tune.definition import load_definition
+from gtf_tune.definition import StudyDefinition, load_definition
 from gtf_tune.errors import DefinitionError, OptionError, TrajectoryError
 from gtf_tune.pipelines import OptionTable, create_pipeline
 from gtf_tune.study.create import checked_definition
+from gtf_tune.study.search.space import build_space
 from gtf_tune.trajectory import read_trajectory
 
 CASES = int(os.environ.get("GTF_TUNE_FUZZ_CASES", "100"))
@@ -33,7 +34,8 @@ VALID: dict[str, Any] = {
 WORDS = st.sampled_from(
     [*VALID, "values", "points", "holdout", "sampler", "auto", "glomap", "command", "filter.max_error", "settings", ""]
 )
-LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | WORDS
+EXTREMES = st.sampled_from([10**400, -(10**30), 2**63, 10**9, 1e300, -1e300, 1e-300, 5e-324, -0.0])
+LEAVES = EXTREMES | st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20) | WORDS
 VALUES = st.recursive(LEAVES, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(WORDS, inner, max_size=3))
 
 
@@ -55,13 +57,34 @@ def damaged_definitions(draw: st.DrawFn) -> dict[str, Any]:
 @given(damaged_definitions())
 def test_a_damaged_definition_is_accepted_or_refused_in_words(data: dict[str, Any]) -> None:
     try:
-        checked_definition(data, "fuzz.toml")
+        definition = checked_definition(data, "fuzz.toml")
     except DefinitionError as error:
-        said = str(error)
+        assert "fuzz.toml" in str(error)  # noqa: PT017 (either answer is right)
     else:
-        said = "accepted fuzz.toml"
+        _assert_searchable(definition)
 
-    assert "fuzz.toml" in said
+
+@SLOWLY
+@given(st.data())
+def test_a_range_of_any_bounds_is_searchable_or_refused_in_words(data: st.DataObject) -> None:
+    numbers = EXTREMES | st.floats() | st.integers()
+    axis = data.draw(
+        st.fixed_dictionaries({"low": numbers, "high": numbers}, optional={"step": numbers, "log": st.booleans()})
+    )
+
+    try:
+        definition = checked_definition({**VALID, "space": {"filter.max_error": axis}}, "fuzz.toml")
+    except DefinitionError as error:
+        assert "fuzz.toml" in str(error)  # noqa: PT017 (either answer is right)
+    else:
+        _assert_searchable(definition)
+
+
+def _assert_searchable(definition: StudyDefinition) -> None:
+    space = build_space(definition, create_pipeline(definition.pipeline.name, definition.pipeline.settings).options)
+
+    assert space.grid_size() >= 1
+    assert all(axis.takes(axis.nominal) for axis in space.axes)
 
 
 @SLOWLY

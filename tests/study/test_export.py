@@ -1,4 +1,7 @@
-from gtf_tune.study.outcome.export import colmap_flags, colmap_ini
+import csv
+import io
+
+from gtf_tune.study.outcome.export import colmap_flags, colmap_ini, table_csv
 
 
 def test_flags_of_the_hierarchical_pipeline_go_to_its_own_command() -> None:
@@ -55,3 +58,11 @@ def test_what_has_no_section_comes_first_in_a_project_file() -> None:
         *("relpose_max_error=2.0", "[ImageReader]", "single_camera=1"),
         *("[SiftMatching]", "max_ratio=0.7"),
     ]
+
+
+def test_a_cell_that_a_spreadsheet_would_compute_is_a_text_in_csv_and_numbers_stay_numbers() -> None:
+    rows = [['=HYPERLINK("x")', "+1+1", "@cmd", "-x", -0.5, "-1.5e-3", "-", None, "cmd = 1"]]
+
+    written = list(csv.reader(io.StringIO(table_csv(["a"] * 9, rows))))[1]
+
+    assert written == ['\'=HYPERLINK("x")', "'+1+1", "'@cmd", "'-x", "-0.5", "-1.5e-3", "-", "", "cmd = 1"]

@@ -29,8 +29,10 @@ if TYPE_CHECKING:
     from gtf_tune.study.events import Event
     from gtf_tune.study.outcome.verdict import Candidate, SequenceComparison, Verdict
 
-Top = Annotated[int, typer.Option("--top", min=1, help="How many of the best trials, besides nominal.")]
-Runs = Annotated[int, typer.Option("--runs", "-N", min=1, help="Fresh noisy runs of each trial and sequence.")]
+Top = Annotated[int, typer.Option("--top", min=1, max=1000, help="How many of the best trials, besides nominal.")]
+Runs = Annotated[
+    int, typer.Option("--runs", "-N", min=1, max=1000, help="Fresh noisy runs of each trial and sequence.")
+]
 
 
 def confirm(

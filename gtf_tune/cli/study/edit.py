@@ -13,8 +13,12 @@ from gtf_tune.cli.values import split_pairs
 if TYPE_CHECKING:
     from gtf_tune.store.studies import Study
 
-Trials = Annotated[int | None, typer.Option("--trials", "-n", min=1, help="New total of trials, nominal included.")]
-NoisyRuns = Annotated[int | None, typer.Option("--noisy-runs", "-K", min=1, help="Another k_delta; needs --as.")]
+Trials = Annotated[
+    int | None, typer.Option("--trials", "-n", min=1, max=10**7, help="New total of trials, nominal included.")
+]
+NoisyRuns = Annotated[
+    int | None, typer.Option("--noisy-runs", "-K", min=1, max=1000, help="Another k_delta; needs --as.")
+]
 NewName = Annotated[str | None, typer.Option("--as", help="Make a new study on the same runs instead.")]
 
 

@@ -15,6 +15,7 @@ from gtf_tune.cli.terminal.console import say, write_text
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
+    from gtf_tune.store.runs import TrialRun
     from gtf_tune.store.studies import Study
     from gtf_tune.store.trials import Trial
 
@@ -23,7 +24,9 @@ Output = Annotated[
     Path | None,
     typer.Option("--output", "-o", help="A file (default stdout); for tum a folder (default STUDY-trial-N)."),
 ]
-TrialNumber = Annotated[int | None, typer.Option("--trial", help="Another trial than the recommended one.")]
+TrialNumber = Annotated[
+    int | None, typer.Option("--trial", min=0, max=10**9, help="Another trial than the recommended one.")
+]
 
 
 def export(
@@ -123,8 +126,21 @@ def _write_trajectories(database: "Database", trial: "Trial", folder: Path) -> N
     found = trajectories(database, [use.run.key for use in uses])
     for use in uses:
         if len(found[use.run.key]):
-            write_tum(found[use.run.key], folder / f"{use.sequence_name}-{use.run.kind}-{use.run.index:02d}.txt")
+            write_tum(found[use.run.key], folder / _file_name(use))
     say(f"wrote the trajectories of trial {trial.number} to {folder}")
+
+
+def _file_name(use: "TrialRun") -> str:
+    """Return the name of the file of a run; what the database says is not trusted to stay in the folder."""
+    from gtf_tune.definition.model import check_name
+    from gtf_tune.errors import StorageError
+
+    try:
+        return f"{check_name(use.sequence_name)}-{check_name(use.run.kind)}-{use.run.index:02d}.txt"
+    except ValueError as error:
+        raise StorageError(
+            f"the storage names a sequence or a kind of run {error}; somebody changed it with other tools"
+        ) from error
 
 
 def _deliver(text: str, output: Path | None) -> None:
@@ -132,7 +148,7 @@ def _deliver(text: str, output: Path | None) -> None:
         write_text(text)
         return
     with _writing(output):
-        output.write_text(text, encoding="utf-8")
+        output.write_text(text, encoding="utf-8", errors="surrogateescape")
     say(f"wrote {output}")
 
 

@@ -23,7 +23,9 @@ Aggregate = Annotated[str | None, typer.Option("--aggregate", help="mean, median
 Metric = Annotated[str | None, typer.Option("--metric", help="ate, rpe_translation or rpe_rotation.")]
 Alignment = Annotated[str | None, typer.Option("--alignment", help="sim3, se3 or none.")]
 Normalise = Annotated[str | None, typer.Option("--normalise", help="extent or none.")]
-RpeDelta = Annotated[float | None, typer.Option("--rpe-delta", help="Distance between the poses of a pair.")]
+RpeDelta = Annotated[
+    float | None, typer.Option("--rpe-delta", min=1e-9, max=1e9, help="Distance between the poses of a pair.")
+]
 RpeDeltaUnit = Annotated[str | None, typer.Option("--rpe-delta-unit", help="frames, seconds or metres.")]
 RpePairs = Annotated[str | None, typer.Option("--rpe-pairs", help="all or consecutive.")]
 

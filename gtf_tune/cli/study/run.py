@@ -22,7 +22,10 @@ if TYPE_CHECKING:
     from gtf_tune.study.open_study import OpenStudy
 
 TrialParallel = Annotated[
-    int, typer.Option("--trial-parallel", min=1, help="Trials side by side; more than 1 changes adaptive samplers.")
+    int,
+    typer.Option(
+        "--trial-parallel", min=1, max=10_000, help="Trials side by side; more than 1 changes adaptive samplers."
+    ),
 ]
 Places = Annotated[
     list[str] | None,

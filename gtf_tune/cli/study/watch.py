@@ -26,7 +26,9 @@ _IDLE_LOOKS = 2
 
 def watch(
     name: StudyName,
-    interval: Annotated[float, typer.Option("--interval", min=0.1, help="Seconds between two looks.")] = 2.0,
+    interval: Annotated[
+        float, typer.Option("--interval", min=0.1, max=86_400, help="Seconds between two looks.")
+    ] = 2.0,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
     """Follow a study until it is done: a line for every trial that ends, and who works on it where.

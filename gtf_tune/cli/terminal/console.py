@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
@@ -68,9 +69,21 @@ def stderr() -> "Console":
     return Console(file=sys.stderr, soft_wrap=True, highlight=False)
 
 
+# What moves the cursor, renames the window or answers in the user's name, and what reverses the order of letters.
+_CONTROLS = re.compile(
+    r"\x1b\[[0-?]*[ -/]*[@-~]|\x1b[\]PX^_][^\x07\x1b]*(?:\x07|\x1b\\)?"
+    r"|[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]"
+)
+
+
+def printable(text: str) -> str:
+    """Return a text without what a terminal would obey: logs and names come from foreign programs and databases."""
+    return _CONTROLS.sub("", text)
+
+
 def say(text: str) -> None:
     """Print a note for people on stderr."""
-    sys.stderr.write(text + "\n")
+    sys.stderr.write(printable(text) + "\n")
 
 
 def write_line(text: str) -> None:
@@ -81,7 +94,7 @@ def write_line(text: str) -> None:
 def write_text(text: str) -> None:
     """Print a result on stdout, exactly as it is."""
     with writing_results():
-        sys.stdout.write(text)
+        sys.stdout.write(printable(text) if sys.stdout.isatty() else text)
 
 
 def write_options(options: Mapping[str, Any]) -> None:
@@ -150,7 +163,7 @@ def duration(seconds: float) -> str:
 
 
 def _plain(text: str) -> str:
-    return text.replace("[", r"\[")
+    return printable(text).replace("[", r"\[")
 
 
 def _jsonable(value: Any) -> Any:

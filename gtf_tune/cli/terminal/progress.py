@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Self
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from gtf_tune.cli.terminal.console import duration, say, stderr
+from gtf_tune.cli.terminal.console import duration, printable, say, stderr
 from gtf_tune.study.events import Event, NoiseChosen, NoiseStarted, RunFinished, TrialFinished, TrialStarted
 from gtf_tune.study.runs.plan import FinishedRun
 
@@ -36,7 +36,7 @@ class StudyProgress:
             TextColumn("{task.description}"),
             BarColumn(bar_width=24),
             MofNCompleteColumn(),
-            TextColumn("{task.fields[note]}"),
+            TextColumn("{task.fields[note]}", markup=False),
             console=stderr(),
             transient=False,
             disable=not sys.stderr.isatty(),
@@ -90,7 +90,7 @@ class StudyProgress:
     def _show_run(self, run: FinishedRun) -> None:
         request, stored = run.request, run.stored
         found = stored.error or ("reused" if run.reused else f"{stored.wall_s:.1f} s")
-        note = f"{request.kind} {request.index} on {request.sequence.name}: {found}"
+        note = printable(f"{request.kind} {request.index} on {request.sequence.name}: {found}")
         self._progress.advance(self._runs)
         self._progress.update(self._runs, note=note)
 
@@ -99,7 +99,7 @@ class StudyProgress:
         now = time.perf_counter()
         self._began += now - (self._noise_began or now)
         self._noise_began = None
-        self._progress.console.print(event.text, markup=False, highlight=False)
+        self._progress.console.print(printable(event.text), markup=False, highlight=False)
 
     def _show_trial(self, event: TrialFinished) -> None:
         self._finished += 1

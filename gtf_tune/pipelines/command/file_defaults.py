@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gtf_tune.errors import DefinitionError, OptionError
+from gtf_tune.input_files import read_input
 from gtf_tune.pipelines.command.definition import CommandDefinition, OptionDefinition, SettingsFileDefinition
 from gtf_tune.pipelines.command.settings_files import FORMATS, SettingValue, format_of, missing_keys
 from gtf_tune.pipelines.command.templates import NoValueError, Value, filled
@@ -49,7 +50,7 @@ def with_file_defaults(
 def _template(file: SettingsFileDefinition, parameters: Mapping[str, Value]) -> _Template:
     path = Path(filled(file.template, parameters))
     form = file.format or format_of(path)
-    return _Template(path, form, path.read_text(encoding="utf-8", errors="surrogateescape"))
+    return _Template(path, form, read_input(path).decode("utf-8", "surrogateescape"))
 
 
 def _default(

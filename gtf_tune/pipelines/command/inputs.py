@@ -138,7 +138,7 @@ def _write_lists(job: PipelineJob, names: tuple[str, ...], values: Mapping[str, 
     inputs = job.workspace / "inputs"
     inputs.mkdir()
     times = [repr(frame.timestamp) for frame in job.images.sequence.frames]
-    (inputs / "image_list.txt").write_text("\n".join(names) + "\n", encoding="utf-8")
+    (inputs / "image_list.txt").write_text("\n".join(names) + "\n", encoding="utf-8", errors="surrogateescape")
     (inputs / "timestamps.txt").write_text("\n".join(times) + "\n", encoding="utf-8")
     if job.camera:
         params = " ".join(repr(value) for value in job.camera.params)
@@ -170,7 +170,7 @@ def _write_file(
             return False
         raise
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("".join(f"{line.rstrip(' ')}\n" for line in text.splitlines()), encoding="utf-8")
+    path.write_text("".join(f"{line.rstrip(' ')}\n" for line in text.splitlines()), "utf-8", "surrogateescape")
     return True
 
 

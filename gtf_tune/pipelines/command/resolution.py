@@ -2,13 +2,13 @@
 
 import os
 import shutil
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from gtf_tune.errors import DefinitionError, did_you_mean, numbered
+from gtf_tune.input_files import parse_toml, read_input_text
 from gtf_tune.pipelines.command.checks import read_command
 from gtf_tune.pipelines.command.definition import CommandDefinition, ParameterDefinition, words_of
 from gtf_tune.pipelines.command.file_defaults import with_file_defaults
@@ -88,7 +88,7 @@ def _base(settings: Mapping[str, object]) -> tuple[str, dict[str, Any]]:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return parse_toml(read_input_text(path))
     except (OSError, ValueError) as error:
         raise DefinitionError(f"pipeline 'command': {path} is no readable TOML file ({error})") from error
 

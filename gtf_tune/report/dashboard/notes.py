@@ -1,7 +1,5 @@
 """Notes of studies and trials that optuna-dashboard shows, in Markdown whose layout no text of a user can change."""
 
-import csv
-import io
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -30,6 +28,7 @@ from gtf_tune.report.panels.registry import panel
 from gtf_tune.report.panels.verdict import verdict_facts, verdict_sentences
 from gtf_tune.report.points import PointSet, TrialPoint, sequence_detail, study_points
 from gtf_tune.report.study_data import StudyData
+from gtf_tune.study.outcome.export import table_csv
 from gtf_tune.study.outcome.improvement import Improvement
 from gtf_tune.study.scoring.objective import penalty
 from gtf_tune.trajectory import FloatArray
@@ -224,7 +223,7 @@ def matrix_table(data: StudyData, number: int) -> Attachment | None:
     if not rows:
         return None
     columns = ("sequence", "clean run", "noisy run", f"error [{unit.symbol}]", "collapsed", "reason")
-    return Attachment("matrix.csv", "text/csv", _csv(columns, rows))
+    return Attachment("matrix.csv", "text/csv", table_csv(columns, rows).encode())
 
 
 def trial_table(data: StudyData) -> Attachment:
@@ -243,7 +242,7 @@ def trial_table(data: StudyData) -> Attachment:
         )
         for point in points.points
     ]
-    return Attachment("trials.csv", "text/csv", _csv(columns, rows))
+    return Attachment("trials.csv", "text/csv", table_csv(columns, rows).encode())
 
 
 def trajectory_image(configuration: ConfigurationRuns, sequence: str) -> Attachment | None:
@@ -262,14 +261,6 @@ def failure_log(texts: Iterable[tuple[str, str]]) -> Attachment | None:
 
 def _cells(matrix: Iterable[Iterable[float]]) -> Iterable[tuple[tuple[int, int], float]]:
     return (((i, j), float(value)) for i, row in enumerate(matrix) for j, value in enumerate(row))
-
-
-def _csv(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> bytes:
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(rows)
-    return buffer.getvalue().encode()
 
 
 _SIDE_PX = 480

@@ -12,6 +12,7 @@ from sqlalchemy.engine import URL, CreateEnginePlugin, make_url
 from sqlalchemy.exc import ArgumentError
 
 from gtf_tune.errors import StorageError
+from gtf_tune.input_files import read_input_text
 
 _READING_VERSION_AT = 19
 _WRITE_AHEAD = 2
@@ -205,7 +206,7 @@ def parse_url(storage: str) -> URL:
 
 def _content_of(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8").strip()
+        return read_input_text(path).strip()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is no text"
         raise StorageError(f"{path}, which should hold the URL of the storage, cannot be read ({reason})") from error

@@ -3,8 +3,9 @@
 import csv
 import io
 import json
+import re
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from gtf_tune.definition import StudyDefinition
@@ -13,6 +14,8 @@ from gtf_tune.pipelines import OptionValue, option_text
 from gtf_tune.pipelines.colmap.flags import command_of, commands_of, flag_of
 
 _COLMAP_FORMATS = ("colmap-ini", "colmap-cli")
+_FORMULA_BEGINNINGS = ("=", "+", "-", "@", "\t", "\r")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|-")  # or the dash for what is not known
 _OTHER_FORMATS = ("json", "csv", "tum")
 FORMATS = (*_COLMAP_FORMATS, *_OTHER_FORMATS)
 _FILES = MappingProxyType({"options.json": "json", "project.ini": "colmap-ini", "colmap-flags.txt": "colmap-cli"})
@@ -71,13 +74,20 @@ def option_json(options: Mapping[str, OptionValue]) -> str:
     return json.dumps(tree, indent=2) + "\n"
 
 
-def table_csv(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+def table_csv(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Return a table as CSV; missing values are empty, others as they are typed."""
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows([["" if value is None else option_text(value) for value in row] for row in rows])
+    writer.writerow([_cell(column) for column in columns])
+    writer.writerows([[_cell(value) for value in row] for row in rows])
     return buffer.getvalue()
+
+
+def _cell(value: object) -> str:
+    """Return a cell; a text that spreadsheets would take for a formula gets an apostrophe, which makes it a text."""
+    if isinstance(value, str) and value.startswith(_FORMULA_BEGINNINGS) and not _NUMBER.fullmatch(value):
+        return f"'{value}"
+    return "" if value is None else option_text(value)
 
 
 def without_flag(pipeline: str, options: Mapping[str, OptionValue]) -> list[str]:

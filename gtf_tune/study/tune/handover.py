@@ -217,4 +217,4 @@ def _written_aside(folder: Path) -> Iterator[Path]:
 
 
 def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text, encoding="utf-8", errors="surrogateescape")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gtf_tune.errors import DefinitionError
+from gtf_tune.input_files import parse_json
 
 _SPACE = re.compile(r"[ \t\r\n]*")
 _DECODER = json.JSONDecoder()
@@ -65,8 +66,8 @@ def _values(text: str) -> Iterator[_Value]:
 
 def _whole(text: str) -> dict[str, Any]:
     try:
-        content = json.loads(text)
-    except json.JSONDecodeError as error:
+        content = parse_json(text)
+    except ValueError as error:
         raise DefinitionError(f"the settings file is not valid JSON: {error}") from error
     if not isinstance(content, dict):
         raise DefinitionError("the settings file must hold a JSON object")

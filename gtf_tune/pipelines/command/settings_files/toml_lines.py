@@ -2,12 +2,12 @@
 
 import json
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from gtf_tune.errors import DefinitionError
+from gtf_tune.input_files import parse_toml
 
 _PART = r"""(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')"""
 _DOTTED = rf"{_PART}(?:\s*\.\s*{_PART})*"
@@ -99,8 +99,8 @@ def _leaves(table: Mapping[str, Any], path: tuple[str, ...] = ()) -> Iterator[tu
 
 def _parsed(text: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        return parse_toml(text)
+    except ValueError as error:
         raise DefinitionError(f"the settings file is not valid TOML: {error}") from error
 
 
@@ -113,8 +113,8 @@ def _differs_only_at(before: str, after: str, path: tuple[str, ...], value: bool
             return False
     table[path[-1]] = value
     try:
-        return tomllib.loads(after) == expected
-    except tomllib.TOMLDecodeError:
+        return parse_toml(after) == expected
+    except ValueError:
         return False
 
 
