@@ -128,6 +128,8 @@ def _timed_frames(video: Path, extraction: Extraction) -> Iterator[_TimedPicture
 def _opened(video: Path) -> Iterator[cv2.VideoCapture]:
     if not video.is_file():
         raise SequenceError(f"{video}: there is no such video; check the path")
+    if not str(video).isprintable():  # OpenCV crashes over names that are no UTF-8
+        raise SequenceError(f"{str(video)!r}: the path has letters that cannot be read; rename the file or its folder")
     capture = cv2.VideoCapture(str(video))
     try:
         if not capture.isOpened():

@@ -35,7 +35,7 @@ def test_a_sequence_named_like_a_path_writes_no_file_elsewhere(
 def test_a_folder_whose_name_is_no_utf_8_is_tuned_and_reported(
     database: Database, run_study: Runner, tmp_path: Path
 ) -> None:
-    folder = write_sequence(tmp_path / os.fsdecode(b"photos\xff"), ground_truth=True)
+    folder = write_sequence(tmp_path / "photos", ground_truth=True).rename(tmp_path / os.fsdecode(b"photos\xff"))
     run_study(definition_of(folder, **SMALL))
 
     write_report(tmp_path / "report.html", database, "small", ReportDefinition())

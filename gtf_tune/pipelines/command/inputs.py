@@ -125,8 +125,13 @@ def _images(images: ImagesDefinition, job: PipelineJob, names: tuple[str, ...]) 
 def _write_images(folder: Path, job: PipelineJob, names: tuple[str, ...]) -> None:
     for name, frame in zip(names, job.images.sequence.frames, strict=True):
         path = folder / name
-        if not cv2.imwrite(str(path), job.images.read(frame)):
-            raise MachineError(f"{path}: cannot write the image; make room or choose another folder for the cache")
+        coded, data = cv2.imencode(path.suffix, job.images.read(frame))
+        try:  # not by OpenCV, which crashes over names that are no UTF-8
+            path.write_bytes(data.tobytes() if coded else b"")
+        except OSError as error:
+            raise MachineError(
+                f"{path}: cannot write the image ({error.strerror}); make room or choose another folder for the cache"
+            ) from error
 
 
 def _link(link: Path, target: Path) -> None:
