@@ -47,7 +47,7 @@ def evaluate(
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.display import sequence_unit
     from gtf_tune.pipelines import create_pipeline
-    from gtf_tune.sequence import FEWEST_FRAMES
+    from gtf_tune.sequence import FEWEST_FRAMES, say_notes
     from gtf_tune.study.evaluate import Setting, evaluate_setting
 
     gtf = section_from_dict(
@@ -61,8 +61,7 @@ def evaluate(
     wanted = Setting(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
     selection = parse_selection(frames, exclude, recursive)
     loaded = load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES)
-    for note in loaded.notes:
-        say(f"note: {note}")
+    say_notes(loaded, say)
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
         found = evaluate_setting(wanted, loaded, executor, on_run=say)
     if json:

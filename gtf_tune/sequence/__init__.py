@@ -1,7 +1,7 @@
 """Load, select and write the images that pipelines are tuned on."""
 
 from gtf_tune.sequence.camera import MODEL_PARAMS, Camera, pinhole_from_opencv
-from gtf_tune.sequence.inspection import Gap, SequenceReport, inspect_sequence
+from gtf_tune.sequence.inspection import Gap, SequenceReport, inspect_sequence, say_notes
 from gtf_tune.sequence.layouts.registry import layout_help, layout_names
 from gtf_tune.sequence.loading import FEWEST_FRAMES, load_sequence
 from gtf_tune.sequence.render.room import RoomSpec, render_room
@@ -30,4 +30,5 @@ __all__ = [
     "load_sequence",
     "pinhole_from_opencv",
     "render_room",
+    "say_notes",
 ]

@@ -26,6 +26,11 @@ _NONE = frozenset({"none", "null", "no", "undistorted", ""})
 _RADTAN_COUNTS = (4, 5, 8)
 
 
+def is_distortion(kind: str) -> bool:
+    """Return True if a distortion of this name is known."""
+    return kind.lower() in _RADTAN | _EQUIDISTANT | _FOV
+
+
 def distorted_pinhole(
     kind: str, coefficients: list[float], focal_centre: tuple[float, ...], size: tuple[int, int]
 ) -> Camera:

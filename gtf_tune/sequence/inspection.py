@@ -102,10 +102,30 @@ def inspect_sequence(sequence: Sequence) -> SequenceReport:
         checked_frames=len(frames),
         median_corners=float(np.median([frame.corners for frame in frames])),
         median_shift_px=float(np.median(shifts)) if shifts else 0.0,
-        notes=(*sequence.notes, *exif_notes(sequence)),
+        notes=sequence_notes(sequence),
         warnings=(*_warn_of_frames(frames), *_warn_of_pairs(pairs, sequence), *_warn_of_facts(sequence, gaps)),
         focal_prior=sequence.focal_prior,
     )
+
+
+def sequence_notes(sequence: Sequence) -> tuple[str, ...]:
+    """Return what the loader found odd, and what EXIF says against it; reads the header of every image."""
+    return (*sequence.notes, *exif_notes(sequence))
+
+
+def say_notes(sequence: Sequence, say: Callable[[str], None], *, named: bool = False) -> None:
+    """Say each oddity of a sequence, and whether its intrinsics are unknown, in a line of its own.
+
+    ``named`` says of which sequence it is.
+    """
+    notes = list(sequence_notes(sequence))
+    if sequence.camera is None:
+        prior = sequence.focal_prior
+        start = f"starts from a focal length of {prior:.4g} pixels" if prior else "estimates them"
+        notes.append(f"intrinsics are unknown; the pipeline {start}")
+    of = f"sequence '{sequence.name}': " if named else ""
+    for note in notes:
+        say(f"note: {of}{note}")
 
 
 def _look(sequence: Sequence) -> tuple[list[FrameContent], list[PairContent]]:

@@ -2,7 +2,7 @@
 
 import contextlib
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -21,7 +21,7 @@ from gtf_tune.definition import (
 )
 from gtf_tune.errors import DefinitionError, GtfTuneError, OptunaStudyError, SequenceError, first_remedy, numbered
 from gtf_tune.pipelines import OptionTable, OptionValue, Pipeline, create_pipeline
-from gtf_tune.sequence import Sequence
+from gtf_tune.sequence import Sequence, say_notes
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.link import create_optuna_study
@@ -67,11 +67,13 @@ def create_study(
     pipeline: Pipeline | None = None,
     *,
     resolved: Mapping[str, Any] = MappingProxyType({}),
+    on_note: Callable[[str], None] | None = None,
 ) -> Study:
     """Check a definition against its sequences, store it, and return the stored study.
 
     ``root`` is the folder that the paths of the sequences are relative to, ``pipeline`` the pipeline where its name
-    alone does not make it, as for the function of a script. ``resolved`` is kept with the study as it is.
+    alone does not make it, as for the function of a script. ``resolved`` is kept with the study as it is. ``on_note``
+    is called with each oddity of the sequences, once the study is stored.
 
     Raises
     ------
@@ -101,7 +103,11 @@ def create_study(
         str(root),
         rows,
     )
-    return studies.add(database, new)
+    study = studies.add(database, new)
+    if on_note is not None:
+        for sequence in loaded:
+            say_notes(sequence, on_note, named=len(loaded) > 1)
+    return study
 
 
 def refuse_taken_name(database: Database, name: str) -> None:

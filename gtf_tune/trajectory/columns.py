@@ -113,6 +113,12 @@ def time_column(header: str, count: int) -> tuple[int, str] | None:
     return found[0] if len(found) == 1 else None
 
 
+def time_unit(title: str) -> str | None:
+    """Return the unit of a column of times by its title, empty where that does not say it, ``None`` for others."""
+    found = time_column(title, 1)
+    return found[1] if found else None
+
+
 def _has_only_words(line: str, delimiter: str | None) -> bool:
     words = line.replace(delimiter, " ") if delimiter else line
     return not any(_is_number(token) for token in re.split(r"[\s,;|]+", words))

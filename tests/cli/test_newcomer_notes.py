@@ -2,6 +2,7 @@ import contextlib
 import csv
 import json
 import shlex
+import shutil
 import sqlite3
 from pathlib import Path
 
@@ -170,3 +171,24 @@ def test_what_follows_the_inspection_of_a_folder_of_any_name_can_be_called(cli: 
 
 def test_the_version_is_told(cli: Cli) -> None:
     assert cli("--version").out == f"gtf-tune {gtf_tune.__version__}\n"
+
+
+def test_creating_a_study_says_what_is_odd_about_its_images(cli: Cli, room: Path) -> None:
+    (room / "poses_gps.txt").write_text("1 2 3\n")
+
+    said = cli(*CREATE, *AXIS).err
+
+    assert "note: files that may describe camera or poses and are not read: poses_gps.txt\n" in said
+
+
+def test_creating_a_study_says_of_which_sequence_it_is_and_that_intrinsics_are_unknown(
+    cli: Cli, room: Path, tmp_path: Path
+) -> None:
+    other = tmp_path / "plain"
+    shutil.copytree(room / "rgb", other)
+    (other / "000000.png").unlink()
+
+    said = cli(*CREATE, *AXIS, "-s", "plain").err
+
+    assert "note: sequence 'plain': intrinsics are unknown; the pipeline estimates them\n" in said
+    assert "note: sequence 'room': intrinsics are unknown; the pipeline estimates them\n" in said

@@ -142,48 +142,6 @@ def test_tum_vi_has_its_poses_under_mocap0(tmp_path):
     np.testing.assert_array_equal(truth.quaternions, expected.quaternions)
 
 
-def test_vslam_lab_has_the_times_the_camera_and_the_poses_that_its_headers_name(tmp_path):
-    miniatures.vslam_lab(tmp_path)
-    lines = (tmp_path / "rgb.csv").read_text().splitlines()
-    swapped = [",".join(reversed(line.split(","))) for line in lines]
-    (tmp_path / "rgb.csv").write_text("\n".join(swapped))
-
-    sequence = load_sequence(tmp_path)
-
-    steps = np.diff([frame.timestamp for frame in sequence.frames])
-    np.testing.assert_allclose(steps, miniatures.PERIOD_S, atol=1e-6)
-    assert sequence.camera == Camera("FULL_OPENCV", 64, 48, (50, 51, 32, 24, 0.1, 0, 0, 0, 0.2, 0, 0, 0))
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("cam_model: pinhole", "cam_model: omni", "expected cam_model pinhole or unknown, found 'omni'"),
-        ("radtan5", "scaramuzza", "expected a distortion_model among"),
-        ("cam_name: rgb_0", "cam_name: rgb_7", "expected a camera with cam_name 'rgb_0'"),
-    ],
-)
-def test_vslam_lab_with_another_camera_is_refused(tmp_path, old, new, message):
-    miniatures.vslam_lab(tmp_path)
-    path = tmp_path / "calibration.yaml"
-    path.write_text(path.read_text().replace(old, new))
-
-    with pytest.raises(SequenceError, match=rf"calibration\.yaml: {message}.*give the camera"):
-        load_sequence(tmp_path)
-
-
-def test_vslam_lab_may_not_know_the_camera_nor_poses(tmp_path):
-    miniatures.vslam_lab(tmp_path)
-    path = tmp_path / "calibration.yaml"
-    path.write_text(path.read_text().replace("cam_model: pinhole", "cam_model: unknown"))
-    (tmp_path / "groundtruth.csv").write_text("ts (ns),tx (m),ty (m),tz (m),qx,qy,qz,qw\n")
-
-    sequence = load_sequence(tmp_path)
-
-    assert (sequence.camera, sequence.ground_truth) == (None, None)
-    assert sequence.notes == ("groundtruth.csv holds no poses",)
-
-
 TEXT_FILES = sorted(
     (name, path)
     for name, paths in {

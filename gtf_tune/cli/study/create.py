@@ -97,7 +97,7 @@ def create(
     _put(data, "search", sampler=sampler, trials=trials, seed=seed)
     definition = checked_definition(data, source, {} if _is_file(source) else _FLAGS)
     database = create_storage(storage)
-    study = create_study(database, definition, root)
+    study = create_study(database, definition, root, on_note=say)
     say(f"created study '{study.name}'")
     say(f"Next: gtf-tune study run {study.name}{storage_flag(database)}")
 

@@ -1,7 +1,7 @@
 """Read files that list images with their times: rgb.txt of TUM RGB-D, data.csv of EuRoC."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Sequence as Items
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,10 +38,10 @@ def read_image_list(path: Path, folder: Path, usual_unit: str) -> tuple[Frame, .
     found = _read_list(path)
     if not found.lines:
         raise SequenceError(f"{path}: lists no images; give a sequence that has some")
-    seconds = _seconds(found, path, usual_unit)
+    times = in_seconds([(line, text) for line, text, _ in found.lines], found.unit, usual_unit, path)
     frames = tuple(
-        Frame(number, find_listed(folder, name, path), seconds(line, text))
-        for number, (line, text, name) in enumerate(found.lines)
+        Frame(number, find_listed(folder, name, path), time)
+        for number, ((_, _, name), time) in enumerate(zip(found.lines, times, strict=True))
     )
     check_unique(frames, path)
     return frames
@@ -72,17 +72,26 @@ def _cut(content: str, time: int, where: str) -> tuple[str, str]:
     return fields[time], fields[1 - time]
 
 
-def _seconds(found: _List, path: Path, usual_unit: str) -> Callable[[int, str], float]:
-    """Return what turns a line's number and its time into seconds."""
-    unit = found.unit or epoch_unit([_number(text, path, line) for line, text, _ in found.lines]) or usual_unit
+def in_seconds(stamps: Items[tuple[int, str]], unit: str, usual_unit: str, path: Path) -> list[float]:
+    """Return times in seconds, from their lines in a file and their texts.
 
-    def seconds(line: int, text: str) -> float:
-        number = _number(text, path, line)
-        if unit != "ns":
-            return number / PER_SECOND[unit]
-        return to_nanoseconds(str(int(number)) if number == int(number) else text, path, line)
+    An empty ``unit`` means that of times since 1970, else the usual one.
 
-    return seconds
+    Raises
+    ------
+    SequenceError
+        A text is no time, or nothing says the unit.
+    """
+    numbers = [_number(text, path, line) for line, text in stamps]
+    known = unit or epoch_unit(numbers) or usual_unit
+    if not known:
+        raise SequenceError(f"{path}: nothing says the unit of its times; write it into the header, such as 'ts (ns)'")
+    if known != "ns":
+        return [number / PER_SECOND[known] for number in numbers]
+    return [
+        to_nanoseconds(str(int(number)) if number == int(number) else text, path, line)
+        for number, (line, text) in zip(numbers, stamps, strict=True)
+    ]
 
 
 def _number(text: str, path: Path, line: int) -> float:

@@ -14,7 +14,7 @@ from gtf_tune.definition.model import name_from
 from gtf_tune.errors import RunError
 from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.pipelines.preset_spaces import DEFAULT_TIER, preset_pipelines, preset_space
-from gtf_tune.sequence import Sequence
+from gtf_tune.sequence import Sequence, say_notes
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
@@ -102,6 +102,7 @@ def begin_tuning(
     budget = Budget(60 * request.minutes, request.jobs, len(first))
     given = definition.sequences[0].model_dump(mode="json")
     whole = load_defined_sequence(definition.sequences[0], root, pipeline)
+    say_notes(whole, announce)
     full = _price(definition, pipeline, whole, source)
     announce(f"a run with the nominal options takes {full.whole_s:.0f} s, its last stage {full.repeated_s:.0f} s")
     plan = budget.plan(full)
