@@ -82,7 +82,7 @@ class OptunaStudyError(StorageError):
 
 
 def first_remedy(faults: Iterable[GtfTuneError]) -> tuple[str, ...]:
-    """Return the first remedy that several errors have, which are told of in one message."""
+    """Return the first remedy of several errors that one message reports, empty if none has one."""
     return next((fault.remedy for fault in faults if fault.remedy), ())
 
 

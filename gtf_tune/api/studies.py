@@ -25,7 +25,7 @@ from gtf_tune.store import studies
 from gtf_tune.store.database import create_database, open_database
 from gtf_tune.store.studies import stored_definition
 from gtf_tune.study import create as creation
-from gtf_tune.study.evaluate import Evaluation, Setting, evaluate_setting
+from gtf_tune.study.evaluate import Configuration, Evaluation, evaluate_configuration
 
 PathLike = str | os.PathLike[str]
 Sequences = PathLike | Sequence[PathLike] | Mapping[str, PathLike]
@@ -248,10 +248,10 @@ def evaluate(
     else:
         chosen = _function_pipeline(pipeline, nominal, "")
     definition = section_from_dict(GtfDefinition, gtf or {}, "gtf")
-    wanted = Setting(chosen, chosen.options.check(options or {}), definition, seed)
+    wanted = Configuration(chosen, chosen.options.check(options or {}), definition, seed)
     loaded = load_sequence(sequence, fewest=FEWEST_FRAMES)
     with executor_here(jobs) as executor:
-        return evaluate_setting(wanted, loaded, executor)
+        return evaluate_configuration(wanted, loaded, executor)
 
 
 @dataclass

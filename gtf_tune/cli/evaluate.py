@@ -1,4 +1,4 @@
-"""Score one setting, without a study."""
+"""Score one configuration, without a study."""
 
 import math
 from pathlib import Path
@@ -37,7 +37,7 @@ def evaluate(
     no_cache: NoCache = False,
     json: Json = False,
 ) -> None:
-    """Print the GTF ATE of one setting on one sequence; nothing is stored.
+    """Print the GTF ATE of one configuration on one sequence; nothing is stored.
 
     Example: gtf-tune evaluate images/ -o mapper.max_normalized_reproj_error=1e-3
     """
@@ -48,7 +48,7 @@ def evaluate(
     from gtf_tune.display import sequence_unit
     from gtf_tune.pipelines import create_pipeline
     from gtf_tune.sequence import FEWEST_FRAMES, say_notes
-    from gtf_tune.study.evaluate import Setting, evaluate_setting
+    from gtf_tune.study.evaluate import Configuration, evaluate_configuration
 
     gtf = section_from_dict(
         GtfDefinition,
@@ -58,12 +58,12 @@ def evaluate(
     chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))
     given = parse_options(nominal, "--nominal") | parse_pairs(option, "--option")
     measured = section_from_dict(SideMetricDefinition, parse_pairs(side, "--side"), source="--side")
-    wanted = Setting(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
+    wanted = Configuration(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
     selection = parse_selection(frames, exclude, recursive)
     loaded = load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES)
     say_notes(loaded, say)
     with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
-        found = evaluate_setting(wanted, loaded, executor, on_run=say)
+        found = evaluate_configuration(wanted, loaded, executor, on_run=say)
     if json:
         write_json(found.as_dict())
     else:

@@ -1,4 +1,4 @@
-"""Say how the command line does what an error advises: with which flag, or which command."""
+"""Flags and commands of the command line for what errors advise."""
 
 import shlex
 from collections.abc import Mapping

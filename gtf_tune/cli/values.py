@@ -46,7 +46,7 @@ def split_pairs(texts: list[str] | None, flag: str) -> dict[str, str]:
 
 
 def refuse_repeated(names: list[str], flag: str) -> None:
-    """Raise `DefinitionError` if a name is given twice: the last one would win without a word."""
+    """Raise `DefinitionError` if a name is given twice, of which only the last value would count."""
     for name in names:
         if names.count(name) > 1:
             raise DefinitionError(f"{flag} is given {names.count(name)} times for '{name}'; give it once")

@@ -1,4 +1,4 @@
-"""Define how a setting is scored: runs, noise, metric, aggregate, feasibility."""
+"""How a configuration is scored: runs, noise, metric, aggregate, feasibility."""
 
 from typing import Literal, Self
 
@@ -10,7 +10,7 @@ _MAX_GREY = 255
 
 
 class NoisyRuns(Section):
-    """Let the number of noisy runs of a trial grow from ``min`` to ``max`` while the decision is open."""
+    """Number of noisy runs that grows from ``min`` to ``max`` for as long as a trial may be the best one."""
 
     min: int = Field(default=3, ge=2)
     max: int = Field(default=12, ge=2)
@@ -23,12 +23,12 @@ class NoisyRuns(Section):
 
 
 class GtfDefinition(Section):
-    """Define the score of a trial (paper, section "GTF ATE").
+    """Score of a trial (paper, section "GTF ATE").
 
     ``clean_runs`` is k, ``noisy_runs`` is k_delta, ``noise_sigma`` is in grey levels (0..255). ``coverage_floor`` is
     the fraction of nominal coverage that every run must reach. ``common_noise`` gives run j of every trial the same
-    noise. ``aggregate`` is the median by default: it ranks settings best where some runs collapse (docs/results.md);
-    ``mean`` is the paper's. ``rpe_delta`` is in ``rpe_delta_unit`` and only read by the rpe metrics.
+    noise. ``aggregate`` is the median by default, which ranks best where some runs diverge (docs/results.md); ``mean``
+    is the paper's. ``rpe_delta`` is in ``rpe_delta_unit`` and only read by the rpe metrics.
     """
 
     clean_runs: int = Field(default=2, ge=1, le=1000)

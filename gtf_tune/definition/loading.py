@@ -1,4 +1,4 @@
-"""Read study definitions, and name every fault of a file in one message."""
+"""Read study definitions; one message names every fault of a file."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -30,7 +30,7 @@ def read_toml(path: Path, kind: str = "a study definition") -> dict[str, Any]:
 
 
 def load_definition(path: Path) -> StudyDefinition:
-    """Return the definition that a TOML file holds."""
+    """Return the definition in a TOML file."""
     return definition_from_dict(read_toml(path), source=str(path))
 
 

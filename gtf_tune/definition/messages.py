@@ -1,4 +1,4 @@
-"""Say what is wrong with a definition: one sentence for each place, in the words of the file."""
+"""Sentences about what is wrong with a definition, one for each place, in the words of the file."""
 
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
@@ -40,17 +40,17 @@ def fault_sentences(
     """
     unquoted = list(_unquoted_names(data)) if model is StudyDefinition else []
     sentences = [_quote(section, name) for section, name in unquoted]
-    told_of = {(*section, name[0]) for section, name in unquoted}
+    reported = {(*section, name[0]) for section, name in unquoted}
     faults: dict[Place, list[Any]] = {}
-    for one in error.errors():
-        place = _place(one, data)
-        if not any(place[: len(table)] == table for table in told_of):
-            faults.setdefault(place, []).append(one)
+    for fault in error.errors():
+        place = _place(fault, data)
+        if not any(place[: len(table)] == table for table in reported):
+            faults.setdefault(place, []).append(fault)
     for place, found in faults.items():
-        others = [one for one in found if one["type"] not in _KINDS and one["type"] != "literal_error"]
+        others = [fault for fault in found if fault["type"] not in _KINDS and fault["type"] != "literal_error"]
         if others:
-            sentences += [_sentence(one, place, model, hints) for one in others]
-        # Each member of a union complains; what is wrong inside of the one that is meant says more.
+            sentences += [_sentence(fault, place, model, hints) for fault in others]
+        # Each member of a union has its complaint; a fault inside the member that is meant says more.
         elif not any(len(other) > len(place) and other[: len(place)] == place for other in faults):
             sentences.append(_other_kind(place, found))
     return list(dict.fromkeys(sentences))
@@ -70,7 +70,7 @@ def _unquoted_names(data: Mapping[str, Any]) -> Iterator[tuple[Place, tuple[str,
 
 
 def _leaves(table: Mapping[str, Any], prefix: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Yield what lies in tables in tables, with its path; the table of an axis is one thing."""
+    """Yield the values in nested tables with their paths; the table of an axis counts as one value."""
     for key, value in table.items():
         inner = _table(value)
         if inner and not _AXIS_KEYS & set(inner):
@@ -122,8 +122,8 @@ def _sentence(error: Any, place: Place, model: type[BaseModel], hints: Mapping[s
 
 
 def _other_kind(place: Place, errors: list[Any]) -> str:
-    """Return what a value should be, with all kinds that a union takes in one list."""
-    kinds = list(dict.fromkeys(_KINDS.get(one["type"]) or _words(one["ctx"]["expected"]) for one in errors))
+    """Return what a value should be, listing all kinds that a union accepts."""
+    kinds = list(dict.fromkeys(_KINDS.get(error["type"]) or _words(error["ctx"]["expected"]) for error in errors))
     if "a number" in kinds and "a whole number" in kinds:
         kinds.remove("a whole number")
     given = errors[0]["input"]

@@ -1,4 +1,4 @@
-"""Define a whole study: pipeline, sequences, space, score, search and limits."""
+"""A whole study definition: pipeline, sequences, space, score, search and limits."""
 
 import math
 import re
@@ -16,7 +16,7 @@ AxisValue = bool | int | float | str
 
 
 class RangeAxis(Section):
-    """Search an option between two bounds.
+    """Option that is searched between two bounds.
 
     ``points`` is how many values a grid takes on the axis, ``step`` a spacing that every sampler keeps to (linear axes
     only).
@@ -40,7 +40,7 @@ class RangeAxis(Section):
 
 
 class ValuesAxis(Section):
-    """Search an option over an explicit list; the only kind of axis for bools and enumerations."""
+    """Option that is searched over an explicit list; the only kind of axis for bools and enumerations."""
 
     values: list[AxisValue] = Field(min_length=1)
 
@@ -64,19 +64,19 @@ Axis = Annotated[
 
 
 DEFAULT_TRIALS = 50
-"""Budget of a search that is not a grid and does not say otherwise."""
+"""Default budget of a search that is not a grid."""
 
 SAMPLERS = ("auto", "grid", "refine", "tpe", "qmc", "random")
-"""Names of the samplers that gtf-tune brings along."""
+"""Names of the built-in samplers."""
 
 FORMER_SAMPLERS = MappingProxyType({"gp": "optuna.samplers:GPSampler", "cmaes": "optuna.samplers:CmaEsSampler"})
-"""Names that stored studies may have, with Optuna's samplers that they stood for."""
+"""Names in stored studies of samplers that were removed, with the Optuna samplers that they stood for."""
 
 _CLASS = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
 
 
 class SearchDefinition(Section):
-    """Define the search: sampler, budget in trials (nominal included) and seed.
+    """Search: sampler, budget in trials (nominal included) and seed.
 
     ``sampler = "auto"`` becomes what suits the space (see docs/performance.md): a grid for lists of values that the
     budget covers, ``refine`` where there is a range, else ``tpe``. ``module:Class`` is any sampler of Optuna's kind,
@@ -149,14 +149,14 @@ class PipelineDefinition(Section):
 
 
 class CameraDefinition(Section):
-    """Give the intrinsics by hand: a COLMAP camera model and its parameters (pixel centres at +0.5)."""
+    """Intrinsics given by hand: a COLMAP camera model and its parameters (pixel centres at +0.5)."""
 
     model: str
     params: list[float]
 
 
 class SequenceDefinition(Section):
-    """Name one sequence and say which of its frames are used.
+    """Sequence, and the frames of it that are used.
 
     ``path`` is relative to the definition file. ``camera = "unknown"`` ignores the intrinsics that the data set has.
     ``exclude`` leaves out images whose names or paths fit a glob pattern; ``recursive`` takes those of subfolders too.
@@ -187,14 +187,14 @@ class SequenceDefinition(Section):
 
 
 class LimitsDefinition(Section):
-    """Define what one run may take."""
+    """What one run may take."""
 
     run_timeout_s: float = Field(default=600.0, gt=0, le=1e9)
     run_memory_gb: float = Field(default=8.0, gt=0, le=1e6)
 
 
 class StudyDefinition(Section):
-    """Define a study; the whole of it is stored with the study."""
+    """Study as a user defines it; the whole definition is stored with the study."""
 
     name: Name
     pipeline: PipelineDefinition
@@ -230,7 +230,7 @@ class StudyDefinition(Section):
 
     @property
     def searched_sequences(self) -> list[SequenceDefinition]:
-        """Return the sequences that the search sees."""
+        """Return the sequences that are not held out."""
         return [sequence for sequence in self.sequences if not sequence.holdout]
 
     @property
@@ -241,5 +241,5 @@ class StudyDefinition(Section):
 
 
 def name_from(folder: str) -> str:
-    """Return a name for a study or a sequence that is as much like that of a folder as names may be."""
+    """Return a valid name for a study or a sequence, as close to the name of a folder as possible."""
     return folder if _NAME.fullmatch(folder) else _NOT_IN_NAMES.sub("-", folder).strip("-._")[:100] or "images"

@@ -1,4 +1,4 @@
-"""Append trials with given options to a study: those of a user, and those that wait in Optuna's own queue."""
+"""Append trials to a study: with options that a user gave, or from Optuna's own queue."""
 
 import uuid
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ def numbers_of(resolved: Mapping[str, Any]) -> tuple[int, ...]:
 
 def append(database: Database, study_id: int, options: Mapping[str, OptionValue]) -> int:
     """Append a trial with these options, open the study if it was done, and return the number of the trial."""
-    mark = f"enqueued {uuid.uuid4().hex}"  # tells the row of this call, should the answer to its commit be lost
+    mark = f"enqueued {uuid.uuid4().hex}"  # identifies the row of this call if the answer to its commit is lost
 
     def work(session: Session) -> int:
         known = session.scalar(select(models.Trial.number).where(models.Trial.owner == mark))

@@ -46,7 +46,7 @@ def checked_definition(
     Raises
     ------
     DefinitionError
-        Something is wrong; the message names every fault of the file, the shape of it and the options in it alike.
+        Something is wrong; the message names every fault, of the structure of the file and of the options in it.
     """
     refuse_unbounded(data, source)
     faults = _option_faults(data)
@@ -86,9 +86,10 @@ def create_study(
     pipeline.options.check({**definition.fixed_options, **space.nominal})
     check_search(definition, space)
     refuse_taken_name(database, definition.name)
-    loaded = [load_defined_sequence(one, root, pipeline) for one in definition.sequences]
+    loaded = [load_defined_sequence(defined, root, pipeline) for defined in definition.sequences]
     _refuse_same_images(loaded)
-    rows = tuple(sequence_row(one.path, sequence) for one, sequence in zip(definition.sequences, loaded, strict=True))
+    pairs = zip(definition.sequences, loaded, strict=True)
+    rows = tuple(sequence_row(defined.path, sequence) for defined, sequence in pairs)
     known = {
         **resolved,
         "noise_sigma": _sigmas(definition),
@@ -119,11 +120,11 @@ def refuse_taken_name(database: Database, name: str) -> None:
 def _refuse_same_images(sequences: Iterable[Sequence]) -> None:
     """Raise `SequenceError` for two sequences of the same pixels: they are not independent, and neither is held out."""
     names: dict[str, str] = {}
-    for one in sequences:
-        other = names.setdefault(one.fingerprint, one.name)
-        if other != one.name:
+    for sequence in sequences:
+        other = names.setdefault(sequence.fingerprint, sequence.name)
+        if other != sequence.name:
             raise SequenceError(
-                f"sequences '{other}' and '{one.name}' have the same images, which would count as if they were "
+                f"sequences '{other}' and '{sequence.name}' have the same images, which would count as if they were "
                 "independent; leave one of them out, or give it other frames"
             )
 
@@ -186,4 +187,4 @@ def _mapping(value: object) -> Mapping[str, Any]:
 def _sigmas(definition: StudyDefinition) -> dict[str, float]:
     """Return the noise of each sequence as far as it is known: "auto" is measured before the first trial."""
     sigma = definition.gtf.noise_sigma
-    return {} if isinstance(sigma, str) else {one.name: sigma for one in definition.sequences}
+    return {} if isinstance(sigma, str) else {sequence.name: sigma for sequence in definition.sequences}

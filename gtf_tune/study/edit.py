@@ -1,7 +1,7 @@
-"""Change a stored study on purpose: more trials, wider ranges; or found a new one on its runs.
+"""Change a stored study: more trials, wider ranges, another sampler; or derive a new study from it.
 
-What would make old and new trials incomparable is refused. A study that differs in such a way can be *derived*: it is
-new, and takes over every run that has the same key, so that nothing is computed twice.
+Changes that would make old and new trials incomparable are refused. A study that differs in such a way can be
+*derived*: it is a new study that takes over every run with the same key, so that nothing is computed twice.
 """
 
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ _WIDENABLE = ("refine", "tpe", "random")
 
 @dataclass(frozen=True)
 class Extension:
-    """Hold what should change; ``None`` and no axes leave things as they are.
+    """Changes of a study; ``None`` and no axes leave things as they are.
 
     ``trials`` is the new total, nominal included; ``axes`` are new ranges (``low``, ``high``, ``log``) by option.
     """
@@ -37,17 +37,17 @@ class Extension:
 
     @property
     def is_empty(self) -> bool:
-        """Tell whether nothing should change."""
+        """Whether nothing is to change."""
         return self.trials is None and self.noisy_runs is None and not self.axes
 
 
 def extend_study(database: Database, name: str, extension: Extension) -> Study:
-    """Change a study in place, open it where it was done, and return it; a paused or stopped one stays so.
+    """Change a study in place and return it; a study that was done is open again, a paused or stopped one stays so.
 
     Raises
     ------
     DefinitionError
-        Nothing should change, or a change would make trials incomparable; the message says why and what to do.
+        Nothing is to change, or a change would make trials incomparable; the message says why and what to do.
     OptionError
         The pipeline has no such option.
     StorageError
@@ -69,12 +69,12 @@ def extend_study(database: Database, name: str, extension: Extension) -> Study:
 
 
 def change_sampler(database: Database, name: str, sampler: str) -> Study:
-    """Let another sampler choose the options of the trials to come, and return the study.
+    """Let another sampler choose the options of all further trials, and return the study.
 
     Raises
     ------
     DefinitionError
-        There is no such sampler, it cannot be made here, or one of the two is a grid, whose trials are its points.
+        There is no such sampler, it cannot be created here, or one of the two is a grid.
     StorageError
         There is no such study, or it is an unfinished copy.
     """
@@ -139,7 +139,7 @@ def _refuse(definition: StudyDefinition, extension: Extension) -> None:
 
 
 def _refuse_unknown(definition: StudyDefinition, extension: Extension) -> None:
-    """Raise `OptionError`, with the nearest names, for a range of an option that the pipeline has not."""
+    """Raise `OptionError`, with the nearest names, for a range of an option that the pipeline does not have."""
     unsearched = {option: axis["low"] for option, axis in extension.axes.items() if option not in definition.space}
     if unsearched:
         table = make_pipeline(definition).options
@@ -147,7 +147,7 @@ def _refuse_unknown(definition: StudyDefinition, extension: Extension) -> None:
 
 
 def _axis_fault(definition: StudyDefinition, option: str, axis: Mapping[str, Any]) -> str:
-    """Return why an axis of a study cannot be replaced, empty where it can."""
+    """Return why an axis of a study cannot be replaced, or an empty text if it can."""
     old: Axis | None = definition.space.get(option)
     if definition.search.sampler not in _WIDENABLE:
         return f"sampler '{definition.search.sampler}' would lose its place"

@@ -1,4 +1,4 @@
-"""Let a study try options that somebody names: a colleague's, or those of another study."""
+"""Add trials with given options to a study: a colleague's, or those of another study."""
 
 from collections.abc import Mapping
 
@@ -15,14 +15,14 @@ from gtf_tune.study.search.space import SearchAxis, SearchSpace, build_space
 def enqueue(database: Database, name: str, options: Mapping[str, object]) -> int:
     """Append a trial with these options to a study, raise its budget by one, and return the number of the trial.
 
-    Searched options that are not named have their nominal values. Workers take the trial up before they go on with
-    their search, whose other trials stay what they would have been. A study that was done is open again.
+    Searched options that are not given have their nominal values. Workers run the trial before they go on with the
+    search, whose own trials stay the same. A study that was done is open again.
 
     Raises
     ------
     OptionError
-        The pipeline has no such option or refuses its value, or the study cannot have it: it lies outside of what is
-        searched, or the option is not searched and has another value.
+        The pipeline has no such option or refuses its value, the value lies outside the searched range, or the option
+        is not searched and has another value in every trial.
     StorageError
         There is no such study, or it is an unfinished copy.
     """

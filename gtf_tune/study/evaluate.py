@@ -19,7 +19,7 @@ from gtf_tune.study.scoring.objective import SequenceScore, least_floor, score_s
 
 
 @dataclass(frozen=True)
-class Setting:
+class Configuration:
     """What is scored: a pipeline, its options, how the score is formed, the seed and the limits of a run.
 
     ``side_metric`` is the error against ground truth that is shown beside the score.
@@ -35,7 +35,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Score of a setting on a sequence; ``side_metric`` is NaN without ground truth."""
+    """Score of a configuration on a sequence; ``side_metric`` is NaN without ground truth."""
 
     score: SequenceScore
     side_metric: float
@@ -68,24 +68,24 @@ class Evaluation:
         }
 
 
-def evaluate_setting(
-    setting: Setting, sequence: Sequence, executor: Executor, on_run: Callable[[str], None] = lambda _: None
+def evaluate_configuration(
+    configuration: Configuration, sequence: Sequence, executor: Executor, on_run: Callable[[str], None] = lambda _: None
 ) -> Evaluation:
-    """Return the score of a setting; ``on_run`` gets a sentence for every run that ended.
+    """Return the score of a configuration; ``on_run`` gets a sentence for every run that ended.
 
-    A setting is infeasible here only if fewer than four frames are registered: there is no nominal run to compare with.
+    It is infeasible here only if fewer than four frames are registered: there is no nominal run to compare with.
     """
-    gtf = setting.gtf
-    sequence = with_focal_prior(sequence, setting.pipeline)
-    planner = RunPlanner(setting.pipeline, gtf, SeedSource(setting.seed), {})
-    limits = run_limits(setting.limits)
+    gtf = configuration.gtf
+    sequence = with_focal_prior(sequence, configuration.pipeline)
+    planner = RunPlanner(configuration.pipeline, gtf, SeedSource(configuration.seed), {})
+    limits = run_limits(configuration.limits)
     order = run_order(gtf.clean_runs, gtf.noisy_runs_max)
     sigma = gtf.noise_sigma
     if isinstance(sigma, str):
-        probe = NoiseProbe(setting.pipeline, setting.options, gtf, setting.seed, whole=False)
+        probe = NoiseProbe(configuration.pipeline, configuration.options, gtf, configuration.seed, whole=False)
         sigma, reason = probe.choose(sequence, fresh_runs(executor, limits))
         on_run(f"noise of {sequence.name}: {sigma:g} grey levels ({reason})")
-    requests = [planner.request(sequence, setting.options, run, sigma=sigma, number=0) for run in order]
+    requests = [planner.request(sequence, configuration.options, run, sigma=sigma, number=0) for run in order]
 
     def describe(request: RunRequest, outcome: RunOutcome) -> None:
         found = outcome.error or f"{len(outcome.trajectory)} frames, {outcome.wall_s:.1f} s"
@@ -93,7 +93,7 @@ def evaluate_setting(
 
     runs = fresh_runs(executor, limits, describe)(requests)
     score = score_sequence(runs, least_floor(len(sequence)), gtf)
-    return Evaluation(score, _true_error(sequence, runs, setting.side_metric), setting.side_metric)
+    return Evaluation(score, _true_error(sequence, runs, configuration.side_metric), configuration.side_metric)
 
 
 def _true_error(sequence: Sequence, runs: SequenceRuns, definition: SideMetricDefinition) -> float:

@@ -14,7 +14,7 @@ from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.study.create import checked_definition, create_study
-from gtf_tune.study.evaluate import Setting, evaluate_setting
+from gtf_tune.study.evaluate import Configuration, evaluate_configuration
 from gtf_tune.study.events import Event, NoiseChosen, NoiseStarted
 from gtf_tune.study.noise.ladder import DEFAULT_RUNS, LADDER, NoiseProbe, fresh_runs
 from gtf_tune.study.open_study import open_study
@@ -125,8 +125,8 @@ def test_a_setting_can_be_scored_alone_with_a_noise_that_is_measured() -> None:
     gtf = GtfDefinition(clean_runs=1, noisy_runs=3)
     said: list[str] = []
 
-    found = evaluate_setting(
-        Setting(create_pipeline("analytic", STEADY), {}, gtf), imaginary_sequence(20), executor, said.append
+    found = evaluate_configuration(
+        Configuration(create_pipeline("analytic", STEADY), {}, gtf), imaginary_sequence(20), executor, said.append
     )
 
     scored = [run.noise_sigma for run in executor.executed if run.kind == "noisy"][-3:]

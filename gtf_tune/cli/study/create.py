@@ -86,7 +86,7 @@ def create(
     _add_sequences(data, sequence)
     chosen = parse_pairs(frames, "--frames")
     if max_image_size is not None and "max_image_size" in chosen:
-        raise DefinitionError("--max-image-size and --frames max_image_size say the same; give one of them")
+        raise DefinitionError("--max-image-size and --frames max_image_size mean the same; give one of them")
     _select(data, {"max_image_size": max_image_size, **chosen})
     _select(data, {"exclude": exclude or None, "recursive": recursive or None})
     _select(data, {"camera": parse_camera(camera) if camera else None})
@@ -103,7 +103,7 @@ def create(
 
 
 def _base(source: str) -> tuple[dict[str, Any], Path]:
-    """Return the definition to start from, and the folder that its paths are relative to."""
+    """Return the initial definition and the folder that its paths are relative to."""
     from gtf_tune.definition import read_toml
 
     if _is_file(source):
@@ -131,9 +131,9 @@ def _add_sequences(data: dict[str, Any], folders: list[Path] | None) -> None:
 
 
 def _distinct_names(paths: list[Path]) -> list[str]:
-    """Return the name of each folder, after those of as many folders above it as it takes to tell it from the others.
+    """Return a name for each folder: its own, with as many folders above it as make it unique.
 
-    What is the same up to the root keeps one name.
+    Folders that are the same up to the root keep the same name.
     """
     from gtf_tune.definition.model import name_from
 
@@ -150,7 +150,7 @@ def _distinct_names(paths: list[Path]) -> list[str]:
 
 
 def _runs(text: str | None) -> Any:
-    """Return a number of runs, or the bounds that MIN:MAX gives to adaptive sizing."""
+    """Return a number of runs, or the bounds that MIN:MAX gives."""
     if text is None or ":" not in text:
         return None if text is None else parse_value(text)
     low, high = text.split(":", 1)
@@ -161,7 +161,7 @@ def _select(data: dict[str, Any], selection: dict[str, Any]) -> None:
     given = {name: value for name, value in selection.items() if value is not None}
     found = data.get("sequences")
     if given and isinstance(found, list):
-        data["sequences"] = [{**one, **given} if isinstance(one, dict) else one for one in found]
+        data["sequences"] = [{**sequence, **given} if isinstance(sequence, dict) else sequence for sequence in found]
 
 
 def _add_space(data: dict[str, Any], ranges: list[str], lists: list[str]) -> None:
@@ -184,7 +184,7 @@ def parse_range(name: str, bounds: str) -> dict[str, Any]:
 
 
 def _put(data: dict[str, Any], section: str, /, **values: object) -> None:
-    """Put what is given into a section; one that is no table stays as it is, for the check to name it."""
+    """Put given values into a section; one that is not a table stays as it is, and the check reports it."""
     given: Mapping[str, object] = {name: value for name, value in values.items() if value is not None}
     found = data.get(section) or {}
     if given and isinstance(found, dict):

@@ -30,7 +30,7 @@ def extend(
     new_name: NewName = None,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
-    """Give a study more trials or wider ranges; what would make trials incomparable needs a new name.
+    """Give a study more trials or wider ranges; changes that make trials incomparable need a new name.
 
     A new study under --as takes over every run that is the same, so nothing is computed twice.
 
@@ -72,9 +72,9 @@ def enqueue(
     ],
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
-    """Let a study try options that you name, a colleague's perhaps; its number of trials rises by one.
+    """Add a trial with options that you give, such as a colleague's; the number of trials rises by one.
 
-    Workers try them before they go on with their search, which stays what it would have been.
+    Workers run it before they go on with the search, whose own trials stay the same.
 
     Example: gtf-tune study enqueue photos -o mapper.max_normalized_reproj_error=2e-3
     """
@@ -91,7 +91,7 @@ def enqueue(
 
 
 def _say_nothing_is_left(study: "Study", has_wider_range: bool, flag: str) -> None:
-    """Say on stderr why an extended study has no trial to do, and how to give it some."""
+    """Print why an extended study has no trial to do, and how to give it some."""
     from gtf_tune.store.studies import stored_definition
 
     if stored_definition(study).search.sampler == "grid":

@@ -1,7 +1,7 @@
-"""Choose where to look next on a curve of one variable that is known at a few places, with noise.
+"""Choose the next value of one variable from noisy values at a few places.
 
 Expected improvement (Mockus, 1975; Jones et al., J. Global Optimization 13, 1998) under a Gaussian process with a
-squared-exponential kernel, in numpy: with one variable and some tens of places it needs neither torch nor an optimiser.
+squared-exponential kernel, in numpy: one variable and some tens of places need neither torch nor an optimiser.
 """
 
 import math
@@ -22,7 +22,7 @@ _SMALLEST = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Hold a Gaussian process on [0, 1] that was fitted to values at places, both of shape (n,)."""
+    """Gaussian process on [0, 1], fitted to values at places, both of shape (n,)."""
 
     places: FloatArray
     weights: FloatArray

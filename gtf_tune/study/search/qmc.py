@@ -1,4 +1,4 @@
-"""Take the points of a quasi-random sequence by the numbers of trials."""
+"""Quasi-random search whose points follow from the numbers of trials."""
 
 import math
 from collections.abc import Mapping
@@ -11,10 +11,10 @@ from optuna.trial import FrozenTrial
 
 
 class NumberedPointsSampler(BaseSampler):
-    """Take point ``number`` of Sobol's sequence over all options, whoever draws it and when.
+    """Sampler that takes point ``number`` of Sobol's sequence over all options, whoever draws it and when.
 
-    Points and values are those of Optuna's `QMCSampler`, which counts its draws instead: a worker that died while it
-    drew would leave a point out, and workers that draw at the same time would get the same one.
+    Points and values are those of Optuna's `QMCSampler`. That one counts its draws, so a worker that died in between
+    would skip a point, and workers that draw at the same time would get the same one.
     """
 
     def __init__(self, distributions: Mapping[str, BaseDistribution], number: int) -> None:
@@ -37,7 +37,10 @@ class NumberedPointsSampler(BaseSampler):
         if self._number:
             engine.fast_forward(self._number)
         places = engine.random(1)[0].tolist()
-        return {name: value_at(one, place) for (name, one), place in zip(search_space.items(), places, strict=True)}
+        return {
+            name: value_at(distribution, place)
+            for (name, distribution), place in zip(search_space.items(), places, strict=True)
+        }
 
     def sample_independent(
         self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution

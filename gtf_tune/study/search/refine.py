@@ -1,4 +1,4 @@
-"""Search one numeric option: a few even steps across its axis, then where the curve promises most."""
+"""Search one numeric option: a few even steps across its axis, then where the fitted curve expects most."""
 
 import math
 from collections.abc import Mapping
@@ -24,10 +24,10 @@ _INFEASIBLE = math.log(2.0)
 
 
 class RefineSampler(BaseSampler):
-    """Choose the next value of a single numeric option; deterministic, and safe beside other workers.
+    """Sampler of a single numeric option; deterministic, and safe beside other workers.
 
-    Stopped trials count with what they showed against the best trial on the noise that both have seen, infeasible ones
-    as twice the worst score, trials of other workers as what the curve says without them. A step that falls on
+    A stopped trial counts with its ratio to the best trial on the noise instances that both have; an infeasible one as
+    twice the worst score; one that another worker runs as what the curve predicts without it. A step that falls on
     ``nominal``, which trial 0 measures, is left out. ``position`` is that of the trial in the search, its number unless
     given.
     """
@@ -57,13 +57,13 @@ class RefineSampler(BaseSampler):
         position = max(trial.number if self._position is None else self._position, 1)
         if position <= len(steps):
             return steps[position - 1]
-        others = [one for one in study.get_trials(deepcopy=False) if one.number != trial.number]
-        return axis.value(_choose([one for one in others if param_name in one.params], param_name, axis))
+        others = [other for other in study.get_trials(deepcopy=False) if other.number != trial.number]
+        return axis.value(_choose([other for other in others if param_name in other.params], param_name, axis))
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Place the values of a distribution in [0, 1]."""
+    """Map between the values of a distribution and [0, 1]."""
 
     distribution: FloatDistribution | IntDistribution
 
@@ -75,12 +75,12 @@ class Axis:
         return cls(distribution)
 
     def place(self, value: float) -> float:
-        """Return the place of a value."""
+        """Return the place of a value in [0, 1]."""
         low, high = self._ends
         return (self._scaled(value) - low) / (high - low)
 
     def value(self, place: float) -> float | int:
-        """Return the nearest allowed value to a place."""
+        """Return the allowed value nearest to a place."""
         low, high = self._ends
         scaled = low + place * (high - low)
         value = math.exp(scaled) if self.distribution.log else scaled
@@ -103,7 +103,7 @@ class Axis:
 
     @property
     def has_steps(self) -> bool:
-        """Tell whether there are values between which nothing lies."""
+        """Whether the values are discrete."""
         return isinstance(self.distribution, IntDistribution) or self.distribution.step is not None
 
     @property
@@ -117,18 +117,18 @@ class Axis:
 def _choose(others: list[FrozenTrial], name: str, axis: Axis) -> float:
     known = log_scores(others)
     if not known:
-        return _farthest(axis, [axis.place(one.params[name]) for one in others])
+        return _farthest(axis, [axis.place(trial.params[name]) for trial in others])
     places = np.array([axis.place(others[index].params[name]) for index in known])
     values = np.array(list(known.values()))
-    pending = np.array([axis.place(one.params[name]) for one in others if one.state == TrialState.RUNNING])
+    pending = np.array([axis.place(trial.params[name]) for trial in others if trial.state == TrialState.RUNNING])
     if len(pending):
-        believed = fit_curve(places, values).mean(pending)
-        places, values = np.concatenate([places, pending]), np.concatenate([values, believed])
+        predicted = fit_curve(places, values).mean(pending)
+        places, values = np.concatenate([places, pending]), np.concatenate([values, predicted])
     return next_place(fit_curve(places, values), axis.candidates(places))
 
 
 def _farthest(axis: Axis, tried: list[float]) -> float:
-    """Return the place farthest from all that were tried, while no trial is feasible."""
+    """Return the place farthest from all tried ones, for as long as no trial is feasible."""
     places = axis.candidates(np.array(tried))
     gaps = np.abs(places[:, np.newaxis] - np.array(tried)).min(axis=1, initial=math.inf)
     return float(places[int(np.argmax(gaps))])
@@ -137,23 +137,23 @@ def _farthest(axis: Axis, tried: list[float]) -> float:
 def log_scores(trials: list[FrozenTrial]) -> dict[int, float]:
     """Return comparable logarithms of the scores of finished trials, by their position in the list."""
     complete = {
-        index: math.log(one.value)
-        for index, one in enumerate(trials)
-        if one.state == TrialState.COMPLETE and _is_feasible(one) and one.value is not None and one.value > 0
+        index: math.log(trial.value)
+        for index, trial in enumerate(trials)
+        if trial.state == TrialState.COMPLETE and _is_feasible(trial) and trial.value is not None and trial.value > 0
     }
     if not complete:
         return {}
     best = min(complete, key=lambda index: complete[index])
     stopped = {
-        index: complete[best] + compare(_instances(one), _instances(trials[best])).log_ratio
-        for index, one in enumerate(trials)
-        if one.state == TrialState.PRUNED
+        index: complete[best] + compare(_instances(trial), _instances(trials[best])).log_ratio
+        for index, trial in enumerate(trials)
+        if trial.state == TrialState.PRUNED
     }
     worst = max([*complete.values(), *stopped.values()])
     infeasible = {
         index: worst + _INFEASIBLE
-        for index, one in enumerate(trials)
-        if one.state == TrialState.COMPLETE and not _is_feasible(one)
+        for index, trial in enumerate(trials)
+        if trial.state == TrialState.COMPLETE and not _is_feasible(trial)
     }
     return complete | stopped | infeasible
 

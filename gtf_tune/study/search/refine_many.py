@@ -1,4 +1,4 @@
-"""Search several options of any kind: a few even points, then a surface through the scores and TPE in turn."""
+"""Search several options of any kind: a few even points, then a fitted surface and TPE in turn."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,20 +15,19 @@ from gtf_tune.study.search.surface import fit_surface, next_point
 from gtf_tune.trajectory import FloatArray
 
 MOST_POINTS = 100
-"""Trials that a surface goes through: the better half of these are the best ones, the others the last ones."""
+"""Most trials that a surface is fitted to: half of them are the best ones, the others the latest."""
 
 _GOLDEN_STEPS = 60
 _FULL_SCALE = 1.0
 
 
 class RefineManySampler(BaseSampler):
-    """Choose the next values of several options; the same again for the same finished trials and seeds.
+    """Sampler of several options; the same finished trials and seeds give the same choice.
 
-    Every other trial is left to TPE: alone the surface gets stuck where scores do not vary smoothly.
-    Stopped and infeasible trials and those of other workers count as in `RefineSampler`. Scores
-    far above the best one are drawn together, so that hopeless corners do not rule how the surface looks near the best.
-    ``start_seed`` places the even points, ``seed`` is that of the trial, and ``position`` its place in the search, its
-    number unless given.
+    Every other trial is left to TPE, since the surface alone gets stuck where scores do not vary smoothly. Stopped and
+    infeasible trials and those of other workers count as in `RefineSampler`. Scores far above the best one are
+    compressed, so that poor regions do not decide how the surface is fitted near the best. ``start_seed`` places the
+    even points, ``seed`` is that of the trial, and ``position`` its place in the search, its number unless given.
     """
 
     def __init__(
@@ -52,12 +51,12 @@ class RefineManySampler(BaseSampler):
         """Return a value for every option of a trial; trial 0 is nominal and not asked for."""
         if self._is_left_to_tpe(trial):
             return self._otherwise.sample_relative(study, trial, dict(search_space))
-        space = Space(tuple(search_space), tuple(_place_of(one) for one in search_space.values()))
+        space = Space(tuple(search_space), tuple(_axis_of(distribution) for distribution in search_space.values()))
         position = self._position_of(trial)
         if position <= coarse_points(len(search_space)):
             return space.values(_even_point(position, len(search_space), self._start_seed))
-        others = [one for one in study.get_trials(deepcopy=False) if one.number != trial.number]
-        return space.values(self._choose([one for one in others if set(space.names) <= set(one.params)], space))
+        others = [other for other in study.get_trials(deepcopy=False) if other.number != trial.number]
+        return space.values(self._choose([other for other in others if set(space.names) <= set(other.params)], space))
 
     def sample_independent(
         self, study: Study, trial: FrozenTrial, param_name: str, param_distribution: BaseDistribution
@@ -78,12 +77,12 @@ class RefineManySampler(BaseSampler):
         if len(kept) < 2:
             return np.random.default_rng(self._seed).random(len(space.names))
         points = np.array([space.point(others[index].params) for index in kept])
-        values = _drawn_together(np.array([scores[index] for index in kept]))
+        values = _compressed(np.array([scores[index] for index in kept]))
         surface = fit_surface(points, values, space.unordered)
-        pending = [space.point(one.params) for one in others if one.state == TrialState.RUNNING]
+        pending = [space.point(trial.params) for trial in others if trial.state == TrialState.RUNNING]
         if pending:
-            believed = surface.mean(np.array(pending))
-            points, values = np.concatenate([points, pending]), np.concatenate([values, believed])
+            predicted = surface.mean(np.array(pending))
+            points, values = np.concatenate([points, pending]), np.concatenate([values, predicted])
             surface = fit_surface(points, values, space.unordered)
         return next_point(surface, self._seed, space.snap)
 
@@ -95,7 +94,7 @@ def coarse_points(options: int) -> int:
 
 @dataclass(frozen=True)
 class Choices:
-    """Place the choices of an option without steps in between in [0, 1]; numbers by their order."""
+    """Map between the choices of an option and [0, 1]; numbers are ordered by size."""
 
     distribution: CategoricalDistribution
 
@@ -107,8 +106,10 @@ class Choices:
 
     @property
     def has_order(self) -> bool:
-        """Tell whether all choices are numbers."""
-        return all(isinstance(one, int | float) and not isinstance(one, bool) for one in self.distribution.choices)
+        """Whether all choices are numbers."""
+        return all(
+            isinstance(choice, int | float) and not isinstance(choice, bool) for choice in self.distribution.choices
+        )
 
     def place(self, value: Any) -> float:
         """Return the place of a choice."""
@@ -123,7 +124,7 @@ class Choices:
 
 @dataclass(frozen=True)
 class Space:
-    """Hold the names of options and the axes that place their values."""
+    """Names of options, and the axes that map their values to [0, 1]."""
 
     names: tuple[str, ...]
     axes: tuple[Axis | Choices, ...]
@@ -134,16 +135,16 @@ class Space:
         return np.array([isinstance(axis, Choices) and not axis.has_order for axis in self.axes])
 
     def point(self, values: Mapping[str, Any]) -> FloatArray:
-        """Return the point (d,) of a setting."""
+        """Return the point (d,) of a configuration."""
         return np.array([axis.place(values[name]) for name, axis in zip(self.names, self.axes, strict=True)])
 
     def values(self, point: FloatArray) -> dict[str, Any]:
-        """Return the nearest setting to a point."""
+        """Return the configuration nearest to a point (d,)."""
         places = zip(self.names, self.axes, point.tolist(), strict=True)
         return {name: axis.value(place) for name, axis, place in places}
 
     def snap(self, points: FloatArray) -> FloatArray:
-        """Return the points (m, d) of the nearest settings to points."""
+        """Return the points (m, d) of the configurations nearest to points (m, d)."""
         columns = [_snapped(axis, points[:, column]) for column, axis in enumerate(self.axes)]
         return np.stack(columns, axis=1)
 
@@ -154,7 +155,7 @@ def _snapped(axis: Axis | Choices, places: FloatArray) -> FloatArray:
     return np.array([axis.place(axis.value(place)) for place in places.tolist()])
 
 
-def _place_of(distribution: BaseDistribution) -> Axis | Choices:
+def _axis_of(distribution: BaseDistribution) -> Axis | Choices:
     return Choices(distribution) if isinstance(distribution, CategoricalDistribution) else Axis.of(distribution)
 
 
@@ -168,7 +169,7 @@ def _even_point(number: int, options: int, seed: int) -> FloatArray:
 
 
 def _kept(scores: Mapping[int, float]) -> Sequence[int]:
-    """Return the positions of the trials that the surface goes through, at most `MOST_POINTS`."""
+    """Return the positions of the trials that the surface is fitted to, at most `MOST_POINTS`."""
     if len(scores) <= MOST_POINTS:
         return list(scores)
     best = set(sorted(scores, key=lambda index: scores[index])[: MOST_POINTS // 2])
@@ -176,6 +177,6 @@ def _kept(scores: Mapping[int, float]) -> Sequence[int]:
     return sorted([*best, *others[-(MOST_POINTS - len(best)) :]])
 
 
-def _drawn_together(values: FloatArray) -> FloatArray:
+def _compressed(values: FloatArray) -> FloatArray:
     excess = (values - values.min()) / _FULL_SCALE
     return np.asarray(np.where(excess <= 1.0, excess, 1.0 + np.log(np.maximum(excess, 1.0))))

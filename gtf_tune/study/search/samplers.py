@@ -1,4 +1,4 @@
-"""Make the Optuna sampler and pruner that a definition names."""
+"""Samplers and pruners by the names that a definition gives them."""
 
 import inspect
 import warnings
@@ -23,7 +23,7 @@ from gtf_tune.study.search.space import SearchSpace
 
 WILCOXON_P = 0.05
 WILCOXON_FEWEST = 8
-"""Noisy runs of a trial from which on the pruner can save any worth having."""
+"""Fewest noisy runs of a trial with which the pruner saves enough runs to be worth it."""
 
 _FEWEST_STARTUP = 10
 _STARTUP_PER_OPTION = 4
@@ -39,7 +39,7 @@ def make_sampler(search: SearchDefinition, position: int, space: SearchSpace) ->
     Raises
     ------
     DefinitionError
-        The sampler is one that gtf-tune had formerly, cannot be imported, or refuses its arguments.
+        The sampler was removed from gtf-tune, cannot be imported, or refuses its arguments.
     """
     seeds = SeedSource(search.seed)
     seed = seeds.sampler_seed(position)
@@ -64,11 +64,11 @@ def make_sampler(search: SearchDefinition, position: int, space: SearchSpace) ->
 
 
 def _foreign_sampler(search: SearchDefinition, seed: int) -> BaseSampler:
-    """Return a sampler named ``module:Class``; it gets the seed unless it takes none or its arguments have one."""
+    """Return a sampler named ``module:Class``, with the seed unless it takes none or its arguments contain one."""
     made_by = load_object(search.sampler, "sampler")
     if not (isinstance(made_by, type) and issubclass(made_by, BaseSampler)):
         raise DefinitionError(
-            f"'{search.sampler}' is no class of Optuna samplers; name one that derives from BaseSampler"
+            f"'{search.sampler}' is not a class of Optuna samplers; name one that derives from BaseSampler"
         )
     arguments = dict(search.sampler_arguments)
     if "seed" in inspect.signature(made_by).parameters:
@@ -109,7 +109,7 @@ def make_pruner(search: SearchDefinition) -> BasePruner:
 
 
 def check_search(definition: StudyDefinition, space: SearchSpace) -> None:
-    """Raise one `DefinitionError` that names everything that sampler, pruner and sizing cannot do together."""
+    """Raise one `DefinitionError` that names everything in a search that does not work together."""
     faults = _stopping_faults(definition)
     if faults:
         raise DefinitionError("; ".join(faults))

@@ -1,4 +1,4 @@
-"""Turn the axes of a definition into Optuna distributions, grid points and checked values."""
+"""The search space of a study: Optuna distributions, grid points and nominal values."""
 
 import contextlib
 import itertools
@@ -20,7 +20,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class SearchAxis:
-    """Hold one searched option: its nominal value, its distribution and the values that a grid takes."""
+    """Searched option: its nominal value, its distribution and the values that a grid takes."""
 
     name: str
     nominal: OptionValue
@@ -29,7 +29,7 @@ class SearchAxis:
 
     @property
     def is_log(self) -> bool:
-        """Tell whether the axis is searched and drawn in logarithms."""
+        """Whether the axis is searched and drawn in logarithms."""
         return bool(getattr(self.distribution, "log", False))
 
     @property
@@ -52,7 +52,7 @@ class SearchAxis:
 
 @dataclass(frozen=True)
 class SearchSpace:
-    """Hold the axes of a study, in the order of its definition."""
+    """Axes of a study, in the order of its definition."""
 
     axes: tuple[SearchAxis, ...]
 
@@ -80,8 +80,8 @@ class SearchSpace:
         return math.prod(len(axis.grid) for axis in self.axes) + (0 if inside else 1)
 
     def suggest(self, trial: Trial) -> dict[str, OptionValue]:
-        """Let the sampler choose a value for every axis."""
-        with _steps_unmentioned():
+        """Return the values that the sampler of a trial chooses for all axes."""
+        with _off_step_allowed():
             return {axis.name: _suggest(trial, axis) for axis in self.axes}
 
 
@@ -156,7 +156,7 @@ def _build_axis(spec: OptionSpec, axis: Axis, exhaustive: bool) -> SearchAxis:
 
 def _range_axis(spec: OptionSpec, axis: RangeAxis) -> SearchAxis:
     distribution: BaseDistribution
-    with _steps_unmentioned():
+    with _off_step_allowed():
         if spec.kind == "int":
             distribution = IntDistribution(int(axis.low), int(axis.high), log=axis.log, step=int(axis.step or 1))
         else:
@@ -165,8 +165,8 @@ def _range_axis(spec: OptionSpec, axis: RangeAxis) -> SearchAxis:
 
 
 @contextlib.contextmanager
-def _steps_unmentioned() -> Iterator[None]:
-    """Keep Optuna from warning of ranges that end between two steps, and of a nominal value that lies there."""
+def _off_step_allowed() -> Iterator[None]:
+    """Suppress Optuna's warnings about ranges that end between two steps and nominal values that lie there."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="The distribution is specified by|Fixed parameter")
         yield

@@ -1,4 +1,4 @@
-"""Choose where to look next on a surface of several options that is known at some tens of points, with noise.
+"""Choose the next configuration of several options from noisy values at some tens of points.
 
 Expected improvement under a Gaussian process with a Matern 5/2 kernel and one length for each option (Jones et al., J.
 Global Optimization 13, 1998; Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, section 5.4.1), in
@@ -34,7 +34,7 @@ Snap = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Hold a Gaussian process that was fitted to values (n,) at points (n, d); ``unordered`` (d,) marks words."""
+    """Gaussian process fitted to values (n,) at points (n, d); ``unordered`` (d,) marks options without an order."""
 
     points: FloatArray
     unordered: BoolArray
@@ -89,8 +89,8 @@ def fit_surface(points: FloatArray, values: FloatArray, unordered: BoolArray) ->
 def next_point(surface: Surface, seed: int, snap: Snap, fewest: int = 1500) -> FloatArray:
     """Return the point (d,) from which the largest improvement on the lowest known part of the surface is expected.
 
-    Points are drawn everywhere and round the best known ones, then round the best drawn ones ever more closely. A known
-    one comes last, however uncertain its value: settings see the same noise again.
+    Points are drawn everywhere and around the best known ones, then ever closer around the best drawn ones. A known
+    point comes last, however uncertain its value: running it again would give the same noise and the same score.
     """
     generator = np.random.default_rng(seed)
     known = surface.mean(surface.points)
@@ -112,7 +112,7 @@ def _promise(surface: Surface, points: FloatArray, lowest: float) -> FloatArray:
 
 
 def _near(centres: FloatArray, width: float, count: int, generator: np.random.Generator) -> FloatArray:
-    """Return points round each centre that differ from it in some of the options."""
+    """Return points around each centre that differ from it in some of the options."""
     points = np.repeat(centres, count, axis=0)
     options = points.shape[1]
     moved = generator.random(points.shape) < max(0.5, 1.0 / options)
@@ -124,7 +124,7 @@ def _near(centres: FloatArray, width: float, count: int, generator: np.random.Ge
 
 @dataclass(frozen=True, eq=False)
 class _Likelihood:
-    """Hold squared differences (n, n, d) and centred values (n,); say how unlikely lengths and noise are."""
+    """Negative log posterior of lengths and noise, given squared differences (n, n, d) and centred values (n,)."""
 
     squares: FloatArray
     values: FloatArray
