@@ -31,7 +31,7 @@ def demo(
 
     Example: gtf-tune demo
     """
-    from gtf_tune.cli.executors import cores, make_executor
+    from gtf_tune.cli.parameters import cores, make_executor
     from gtf_tune.cli.study.run import work_on
     from gtf_tune.sequence import render_room
     from gtf_tune.store import studies

@@ -65,7 +65,7 @@ def _attempt(name: str, check: Callable[[], str]) -> Check:
 def _machine() -> str:
     import psutil
 
-    from gtf_tune.cli.executors import cores
+    from gtf_tune.cli.parameters import cores
 
     memory = psutil.virtual_memory()
     return f"{cores()} cores, {memory.available / _GIB:.1f} of {memory.total / _GIB:.1f} GiB memory free"

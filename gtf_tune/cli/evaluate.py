@@ -41,7 +41,7 @@ def evaluate(
 
     Example: gtf-tune evaluate images/ -o mapper.max_normalized_reproj_error=1e-3
     """
-    from gtf_tune.cli.executors import cores, make_executor
+    from gtf_tune.cli.parameters import cores, make_executor
     from gtf_tune.cli.values import parse_options, parse_pairs
     from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict

@@ -102,12 +102,12 @@ _STUDY = {
     ),
     "extend": Entry(
         "Manage",
-        "Give a study more trials or wider ranges; what would make trials incomparable needs a new name.",
+        "Give a study more trials or wider ranges; changes that make trials incomparable need a new name.",
         "study.edit:extend",
     ),
     "enqueue": Entry(
         "Manage",
-        "Let a study try options that you name, a colleague's perhaps; its number of trials rises by one.",
+        "Add a trial with options that you give, such as a colleague's; the number of trials rises by one.",
         "study.edit:enqueue",
     ),
     "list": Entry("Look", "List the studies of a storage.", "study.listing:list_studies"),
@@ -144,6 +144,11 @@ _PIPELINE = {
         "Commands", "Print every tunable option of a pipeline: name, type, default, meaning.", "pipeline:options"
     ),
     "presets": Entry("Commands", "Print what is searched on a pipeline when nobody says, and why.", "pipeline:presets"),
+    "try": Entry(
+        "Commands",
+        "Run a pipeline once and show everything that it does, to debug a definition.",
+        "pipeline_try:try_pipeline",
+    ),
 }
 _SEQUENCE = {
     "inspect": Entry("Commands", "Print what a data set holds, and warn of what will hurt.", "sequence:inspect"),
@@ -208,7 +213,7 @@ COMMANDS = {
         "Studies", "Work on every open study of a storage, as one of many workers on many machines.", "worker:worker"
     ),
     "evaluate": Entry(
-        "Studies", "Print the GTF ATE of one setting on one sequence; nothing is stored.", "evaluate:evaluate"
+        "Studies", "Print the GTF ATE of one configuration on one sequence; nothing is stored.", "evaluate:evaluate"
     ),
     "noise": Entry(
         "Studies",

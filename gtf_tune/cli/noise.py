@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.executors import cores, make_executor
-from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings
+from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings, cores, make_executor
 from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
 from gtf_tune.cli.terminal.console import number, permille, say, write_json, write_line, write_table
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.executors import cores, make_executor
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Settings, Storage
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Settings, Storage, cores, make_executor
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
 from gtf_tune.cli.study.create import Pipeline, Range, parse_range
 from gtf_tune.cli.study.run import work_on

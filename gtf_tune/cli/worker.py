@@ -6,8 +6,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage
+from gtf_tune.cli.parameters import (
+    DEFAULT_STORAGE,
+    CacheDir,
+    ExecutorAddress,
+    Jobs,
+    NoCache,
+    Storage,
+    cores,
+    make_executor,
+)
 from gtf_tune.cli.remedies import with_remedy
 from gtf_tune.cli.storage_access import hush_optuna, storage_flag, wait_for_storage
 from gtf_tune.cli.study.run import Places, TrialParallel, VersionMismatch, place_folders

@@ -42,11 +42,14 @@ class TextLayout:
         What times are multiplied by to make them seconds; ``None`` for what the header, or their size, shows.
     sort
         Whether lines are put in the order of time; otherwise lines out of order are an error.
+    repeats
+        Whether several lines may have the same time; otherwise they are an error. All of them are returned.
     """
 
     delimiter: str | None = None
     time_scale: float | None = None
     sort: bool = False
+    repeats: bool = False
 
 
 _USUAL = TextLayout()
@@ -173,7 +176,7 @@ def _trajectory(table: Table, columns: Columns, layout: TextLayout, expected: st
     seconds = [_in_seconds(number, unit, layout, where) for number, (where, _) in zip(numbers, stamps, strict=True)]
     order = sorted(range(len(rows)), key=seconds.__getitem__) if layout.sort else list(range(len(rows)))
     for before, after in pairwise(order):
-        if seconds[after] <= seconds[before]:
+        if seconds[after] <= seconds[before] and not (layout.repeats and numbers[after] == numbers[before]):
             raise _not_later(stamps[before], stamps[after], numbers[after] > numbers[before])
     values = np.array(rows)[order]
     return Trajectory(

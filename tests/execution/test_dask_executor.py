@@ -9,7 +9,7 @@ import pytest
 
 distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
 
-from gtf_tune.cli.executors import make_executor  # noqa: E402
+from gtf_tune.cli.parameters import make_executor  # noqa: E402
 from gtf_tune.errors import DefinitionError, MachineError, SequenceError  # noqa: E402
 from gtf_tune.execution import InlineExecutor, RunLimits  # noqa: E402
 from gtf_tune.execution.dask.executor import DaskExecutor, elsewhere  # noqa: E402

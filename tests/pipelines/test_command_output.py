@@ -76,3 +76,36 @@ def test_a_reason_names_the_file_as_the_definition_does(frames: Sequence, tmp_pa
 def test_poses_without_images_point_to_the_keys_that_match_them(frames: Sequence, tmp_path: Path) -> None:
     with pytest.raises(RunError, match=r"3333333\.000000 s; see 'time_scale' and 'max_difference_s'"):
         run(WRITES.format(text="3333333 0 0 0 0 0 0 1\n"), frames, tmp_path)
+
+
+REPEATS = "0 5 0 0 0 0 0 1\n0.033333333 7 0 0 0 0 0 1\n0.033333333 8 0 0 0 0 0 1\n0.066666667 9 0 0 0 0 0 1\n"
+
+
+@pytest.mark.parametrize(("duplicates", "x"), [("first", [5, 7, 9]), ("last", [5, 8, 9])])
+def test_of_several_poses_of_one_image_the_wanted_one_counts(
+    frames: Sequence, tmp_path: Path, duplicates: str, x: list[float]
+) -> None:
+    found = run(WRITES.format(text=REPEATS), frames, tmp_path, duplicates=duplicates)
+
+    assert found.trajectory.positions[:, 0].tolist() == x
+    assert found.diagnostics["num_repeated_poses"] == 1
+
+
+def test_several_poses_of_one_image_are_an_error_unless_the_definition_says_which_counts(
+    frames: Sequence, tmp_path: Path
+) -> None:
+    with pytest.raises(RunError, match="expected a later timestamp than"):
+        run(WRITES.format(text=REPEATS), frames, tmp_path)
+
+
+def test_positions_that_are_given_twice_are_repeats_too(frames: Sequence, tmp_path: Path) -> None:
+    text = "0 5 0 0 0 0 0 1\n1 7 0 0 0 0 0 1\n1 8 0 0 0 0 0 1\n"
+
+    found = run(WRITES.format(text=text), frames, tmp_path, association="index", duplicates="last").trajectory
+
+    assert found.positions[:, 0].tolist() == [5, 8]
+
+
+def test_lines_out_of_order_stay_an_error_where_repeats_are_allowed(frames: Sequence, tmp_path: Path) -> None:
+    with pytest.raises(RunError, match="sort the file"):
+        run(WRITES.format(text="1 5 0 0 0 0 0 1\n0 7 0 0 0 0 0 1\n"), frames, tmp_path, duplicates="first")

@@ -169,7 +169,8 @@ mapper --database_path S/database.db --output_path W/sparse --output_format txt 
             .replace("Camera.fx: 1.0", "Camera1.fx: 50.0")
             .replace("30", "25")
             + "Camera1.fy: 51.0\nCamera1.cx: 32.0\nCamera1.cy: 24.0\nCamera1.k1: 0.0\nCamera1.k2: 0.0\n"
-            "Camera1.p1: 0.0\nCamera1.p2: 0.0\nCamera1.k3: 0.0\nCamera.width: 64\nCamera.height: 48\n",
+            "Camera1.p1: 0.0\nCamera1.p2: 0.0\nCamera1.k3: 0.0\nCamera.width: 64\nCamera.height: 48\n"
+            "Camera.newWidth: 64\nCamera.newHeight: 48\n",
         },
     ),
     "dpvo": Expected(

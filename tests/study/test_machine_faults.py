@@ -8,7 +8,7 @@ import cv2
 import pytest
 from sqlalchemy import delete, select, update
 
-from gtf_tune.cli.executors import make_executor
+from gtf_tune.cli.parameters import make_executor
 from gtf_tune.definition import LimitsDefinition
 from gtf_tune.errors import MachineError, SequenceError
 from gtf_tune.execution import InlineExecutor, RunLimits

@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.executors import cores, make_executor
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Storage, StudyName
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Storage, StudyName, cores, make_executor
 from gtf_tune.cli.storage_access import open_storage, storage_flag
 from gtf_tune.cli.study.notes import suggest_step
 from gtf_tune.cli.study.run import (

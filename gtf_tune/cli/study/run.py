@@ -5,8 +5,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.executors import ExecutorAddress, cores, make_executor
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, NoCache, Storage, StudyName
+from gtf_tune.cli.parameters import (
+    DEFAULT_STORAGE,
+    CacheDir,
+    ExecutorAddress,
+    Jobs,
+    NoCache,
+    Storage,
+    StudyName,
+    cores,
+    make_executor,
+)
 from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
 from gtf_tune.cli.study.notes import suggest_outcome, warn_of_lost_frames
 from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, say

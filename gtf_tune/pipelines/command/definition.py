@@ -138,6 +138,7 @@ class OutputDefinition(Section):
     ``index`` takes the time column for the position in the list of images, ``row`` the n-th pose for the n-th image.
     TUM's times are multiplied by ``time_scale``; where that is 1, they are in the unit that the header names, seconds
     otherwise. ``sort`` puts TUM's and EuRoC's poses in the order of time.
+    ``duplicates`` says which of several poses of one image counts: programs that lose track may repeat their last pose.
     A COLMAP folder may hold several models: the largest counts.
     """
 
@@ -147,6 +148,7 @@ class OutputDefinition(Section):
     delimiter: Literal[" ", ","] = " "
     time_scale: float = Field(default=1.0, gt=0)
     sort: bool = False
+    duplicates: Literal["error", "first", "last"] = "error"
     max_difference_s: float = Field(default=1e-3, gt=0)
     poses: Literal["world_from_camera", "camera_from_world"] = "world_from_camera"
 
@@ -160,6 +162,8 @@ class OutputDefinition(Section):
             raise ValueError("'time_scale' and 'delimiter' are for the format 'tum' only")
         if self.sort and self.format not in ("tum", "euroc"):
             raise ValueError(f"the format '{self.format}' has no times to 'sort' by")
+        if self.duplicates != "error" and self.association not in ("timestamp", "index"):
+            raise ValueError("'duplicates' needs poses that are associated by 'timestamp' or 'index'")
         return self
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from gtf_tune.errors import RunError, TrajectoryError
 from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.command.definition import OutputDefinition
-from gtf_tune.trajectory import IntArray, Trajectory, associate_by_timestamp, read_trajectory
+from gtf_tune.trajectory import FloatArray, IntArray, Trajectory, associate_by_timestamp, read_trajectory
 from gtf_tune.trajectory.formats import TextLayout, read_euroc, read_kitti, read_tum
 
 _READERS: Mapping[str, Callable[[Path, TextLayout], Trajectory]] = MappingProxyType(
@@ -19,8 +19,16 @@ _WHOLE = 0.05
 _MODEL_FILES = ("images.bin", "images.txt")
 
 
-def read_output(output: OutputDefinition, path: Path, names: tuple[str, ...], job: PipelineJob) -> Trajectory:
-    """Return the trajectory at a path, with the frame ids, times and image names of the job's frames.
+def read_output(
+    output: OutputDefinition, path: Path, names: tuple[str, ...], job: PipelineJob
+) -> tuple[Trajectory, int]:
+    """Read the trajectory at a path.
+
+    Returns
+    -------
+    trajectory, repeated
+        The poses with the frame ids, times and image names of the job's frames, and how many more were left out because
+        another pose belongs to the same image.
 
     Raises
     ------
@@ -30,9 +38,12 @@ def read_output(output: OutputDefinition, path: Path, names: tuple[str, ...], jo
     if not path.exists():
         raise RunError(f"the program ended well but wrote no trajectory; it should be {path.name}")
     try:
-        found = _read(output, path)
+        written = _read(output, path)
+        found = written.select(_counted(written.timestamps, output))
         positions = _ASSOCIATIONS[output.association](found, names, job, output)
-        return _of_frames(found, positions, output, job)
+        kept = _counted(positions, output)
+        trajectory = _of_frames(found.select(kept), positions[kept], output, job)
+        return trajectory, len(written) - len(trajectory)
     except TrajectoryError as error:
         # Its folder is gone after the run, and has another name in each.
         reason = str(error).replace(str(path), output.path)
@@ -41,10 +52,26 @@ def read_output(output: OutputDefinition, path: Path, names: tuple[str, ...], jo
 
 def _read(output: OutputDefinition, path: Path) -> Trajectory:
     scaled = output.time_scale != 1.0
-    layout = TextLayout(output.delimiter.strip() or None, output.time_scale if scaled else None, output.sort)
+    layout = TextLayout(
+        output.delimiter.strip() or None,
+        output.time_scale if scaled else None,
+        output.sort,
+        output.duplicates != "error",
+    )
     if output.format == "colmap":
         return _largest_model(path)
     return _READERS[output.format](path, layout)
+
+
+def _counted(places: FloatArray | IntArray, output: OutputDefinition) -> IntArray:
+    """Return the rows that count, in their order, where several may have the same time or image."""
+    if output.duplicates == "error":
+        return np.arange(len(places))
+    if output.duplicates == "first":
+        rows = np.unique(places, return_index=True)[1]
+    else:
+        rows = len(places) - 1 - np.unique(places[::-1], return_index=True)[1]
+    return np.sort(rows)
 
 
 def _largest_model(path: Path) -> Trajectory:
@@ -109,7 +136,7 @@ _ASSOCIATIONS: Mapping[str, Callable[[Trajectory, tuple[str, ...], PipelineJob, 
 def _of_frames(found: Trajectory, positions: IntArray, output: OutputDefinition, job: PipelineJob) -> Trajectory:
     order = np.argsort(positions, kind="stable")
     if (np.diff(positions[order]) == 0).any():
-        raise TrajectoryError("two of its poses belong to one image")
+        raise TrajectoryError("two of its poses belong to one image; see 'duplicates'")
     frames = [job.images.sequence.frames[position] for position in positions[order].tolist()]
     centres, rotations = found.positions[order], found.rotations[order.tolist()]
     if output.poses == "camera_from_world":

@@ -6,12 +6,15 @@ from pathlib import Path
 
 from gtf_tune.pipelines.base import PipelineJob, PipelineOutput
 from gtf_tune.pipelines.command.definition import TIME_FIELDS, templates_of
-from gtf_tune.pipelines.command.inputs import prepare
+from gtf_tune.pipelines.command.inputs import RunInputs, prepare
 from gtf_tune.pipelines.command.output import read_output
 from gtf_tune.pipelines.command.resolution import ResolvedCommand, resolve
 from gtf_tune.pipelines.command.steps import StepRun
 from gtf_tune.pipelines.command.templates import fields_of
 from gtf_tune.pipelines.options import OptionTable
+
+PLACEHOLDERS = "placeholders.txt"
+"""File in the workspace of a run that says what each placeholder stood for."""
 
 
 @dataclass
@@ -44,10 +47,17 @@ class CommandPipeline:
             A program did not end as it should, or its trajectory is missing or unusable.
         """
         inputs = prepare(self.command, job)
+        _note(inputs, job.workspace / PLACEHOLDERS)
         diagnostics = StepRun(self.command, job, inputs).run()
         output = self.command.definition.output
-        trajectory = read_output(output, Path(str(inputs.values["output"])), inputs.names, job)
-        return PipelineOutput(trajectory, {"num_poses": len(trajectory), **diagnostics})
+        trajectory, repeated = read_output(output, Path(str(inputs.values["output"])), inputs.names, job)
+        counts = {"num_poses": len(trajectory)} | ({"num_repeated_poses": repeated} if repeated else {})
+        return PipelineOutput(trajectory, {**counts, **diagnostics})
+
+
+def _note(inputs: RunInputs, path: Path) -> None:
+    """Write what each placeholder stands for, a line each, for `pipeline try` and whoever looks into a workspace."""
+    path.write_text("".join(f"{{{name}}} = {value}\n" for name, value in sorted(inputs.values.items())), "utf-8")
 
 
 def create(settings: Mapping[str, object]) -> CommandPipeline:

@@ -167,4 +167,7 @@ def _identity(definition: CommandDefinition, parameters: Mapping[str, Value]) ->
     words += [file.link for file in definition.files]
     words += [str(Path(file.template).absolute()) for file in definition.settings_files]
     files = {word: file_digest(Path(word)) for word in words if Path(word).is_absolute() and Path(word).is_file()}
-    return {"definition": definition.model_dump(mode="json", exclude=_NOT_RESULTS), "values": values, "files": files}
+    dumped = definition.model_dump(mode="json", exclude=_NOT_RESULTS)
+    if definition.output.duplicates == "error":  # keys of stored runs are older than this field
+        del dumped["output"]["duplicates"]
+    return {"definition": dumped, "values": values, "files": files}

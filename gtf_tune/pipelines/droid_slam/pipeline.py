@@ -73,7 +73,7 @@ class DroidSlamPipeline:
                 [lock],
             )
         diagnostics = _read_outcome(outcome_path, ended)
-        trajectory = read_output(_POSES, job.workspace / _POSES.path, job.images.names, job)
+        trajectory, _ = read_output(_POSES, job.workspace / _POSES.path, job.images.names, job)
         return PipelineOutput(trajectory, {**diagnostics, "gpu_wait_s": round(waited_s, 4)})
 
     def _job(self, job: PipelineJob, images: Path, outcome: Path) -> dict[str, object]:
