@@ -14,6 +14,12 @@ def main() -> None:
         from experiments.bank.fill import Depot, data_folder, fill, write_line
 
         fill(Depot(work, data_folder(arguments.data)), arguments.minutes, write_line)
+    elif arguments.command == "pack":
+        from experiments.bank.bank import BANK_FILE
+        from experiments.bank.fill import Depot, data_folder
+        from experiments.bank.pack import pack, without_unrun
+
+        without_unrun(pack(Depot(work, data_folder(arguments.data)))).save(BANK_FILE)
 
 
 def _arguments() -> argparse.Namespace:
@@ -23,6 +29,7 @@ def _arguments() -> argparse.Namespace:
     commands = parser.add_subparsers(dest="command", required=True)
     filling = commands.add_parser("fill", help="make runs that are not stored yet; resumable")
     filling.add_argument("--minutes", type=float, default=1e6, help="stop after so many minutes")
+    commands.add_parser("pack", help="write the runs that are stored into one small file of the repository")
     return parser.parse_args()
 
 

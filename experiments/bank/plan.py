@@ -21,7 +21,7 @@ FIXED: Mapping[str, OptionValue] = MappingProxyType(
     {
         "mapper.bundle_adjustment.refine_focal_length": False,
         "mapper.bundle_adjustment.refine_extra_params": False,
-        "extraction.sift.max_num_features": 2000,
+        "extraction.sift.max_num_features": 1000,
     }
 )
 """Intrinsics are known and held fixed; fewer features than the default of 8192 keep runs affordable."""
@@ -98,15 +98,15 @@ def _room(number: int, spec: RoomSpec) -> BankSequence:
 
 SEQUENCES: tuple[BankSequence, ...] = (
     BankSequence("fountain-P11", Selection(max_image_size=640)),
-    BankSequence("hut", Selection(max_frames=24, max_image_size=640)),
-    BankSequence("dtu-scan24", Selection(max_frames=24), "dtu"),
-    BankSequence("dtu-scan37", Selection(max_frames=24, max_image_size=480), "dtu"),
+    BankSequence("hut", Selection(max_frames=18, max_image_size=600)),
+    BankSequence("dtu-scan24", Selection(max_frames=20), "dtu"),
+    BankSequence("dtu-scan37", Selection(max_frames=20, max_image_size=480), "dtu"),
     BankSequence("kitti07", Selection(stop=40, stride=2, max_image_size=800), "kitti"),
-    BankSequence("kitti06", Selection(max_frames=24, max_image_size=620), "kitti"),
-    BankSequence("kitti00-turn", Selection(max_image_size=620), "kitti"),
-    BankSequence("new-tsukuba", Selection(stride=2, max_frames=24, max_image_size=480)),
-    BankSequence("nerf-lego", Selection(stride=2, max_frames=20, max_image_size=600)),
-    BankSequence("tum-fr3-office", Selection(max_image_size=640)),
+    BankSequence("kitti06", Selection(max_frames=20, max_image_size=620), "kitti"),
+    BankSequence("kitti00-turn", Selection(max_frames=16, max_image_size=620), "kitti"),
+    BankSequence("new-tsukuba", Selection(stride=2, max_frames=18, max_image_size=480)),
+    BankSequence("nerf-lego", Selection(stride=2, max_frames=20, max_image_size=480)),
+    BankSequence("tum-fr3-office", Selection(max_image_size=560)),
     _room(0, RoomSpec(14, 320, 240, seed=10)),
     _room(1, RoomSpec(16, 400, 300, seed=11, motion="forward")),
     _room(2, RoomSpec(16, 360, 270, seed=12, motion="turn")),
