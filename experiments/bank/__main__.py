@@ -5,21 +5,38 @@ import os
 from pathlib import Path
 
 WORK_VARIABLE = "GTF_TUNE_BANK"
+PAGE = Path("docs/bank.md")
 
 
 def main() -> None:
     arguments = _arguments()
-    work = (arguments.work or Path(os.environ.get(WORK_VARIABLE, "storage/data/bank"))).absolute()
-    if arguments.command == "fill":
-        from experiments.bank.fill import Depot, data_folder, fill, write_line
+    arguments.work = (arguments.work or Path(os.environ.get(WORK_VARIABLE, "storage/data/bank"))).absolute()
+    {"fill": _fill, "pack": _pack, "replay": _replay}[arguments.command](arguments)
 
-        fill(Depot(work, data_folder(arguments.data)), arguments.minutes, write_line)
-    elif arguments.command == "pack":
-        from experiments.bank.bank import BANK_FILE
-        from experiments.bank.fill import Depot, data_folder
-        from experiments.bank.pack import pack, without_unrun
 
-        without_unrun(pack(Depot(work, data_folder(arguments.data)))).save(BANK_FILE)
+def _fill(arguments: argparse.Namespace) -> None:
+    from experiments.bank.fill import Depot, data_folder, fill, write_line
+
+    fill(Depot(arguments.work, data_folder(arguments.data)), arguments.minutes, write_line)
+
+
+def _pack(arguments: argparse.Namespace) -> None:
+    from experiments.bank.bank import BANK_FILE
+    from experiments.bank.fill import Depot, data_folder
+    from experiments.bank.pack import pack, without_unrun
+
+    without_unrun(pack(Depot(arguments.work, data_folder(arguments.data)))).save(BANK_FILE)
+
+
+def _replay(arguments: argparse.Namespace) -> None:
+    from experiments.bank.bank import load
+    from experiments.bank.page import page
+    from experiments.bank.replay import replay
+    from experiments.bank.rules import RULES
+
+    del arguments
+    bank = load()
+    PAGE.write_text(page(bank, replay(bank, RULES)), encoding="utf-8")
 
 
 def _arguments() -> argparse.Namespace:
@@ -30,6 +47,7 @@ def _arguments() -> argparse.Namespace:
     filling = commands.add_parser("fill", help="make runs that are not stored yet; resumable")
     filling.add_argument("--minutes", type=float, default=1e6, help="stop after so many minutes")
     commands.add_parser("pack", help="write the runs that are stored into one small file of the repository")
+    commands.add_parser("replay", help=f"replay all rules on that file and write {PAGE}")
     return parser.parse_args()
 
 
