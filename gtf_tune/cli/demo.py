@@ -31,7 +31,7 @@ def demo(
 
     Example: gtf-tune demo
     """
-    from gtf_tune.cli.parameters import cores, make_executor
+    from gtf_tune.cli.parameters import default_jobs, make_executor
     from gtf_tune.cli.study.run import work_on
     from gtf_tune.sequence import render_room
     from gtf_tune.store import studies
@@ -50,7 +50,7 @@ def demo(
         definition = checked_definition(_definition(), "demo")
         create_study(database, definition, folder.absolute())
     study = open_study(database, "demo")
-    work_on(study, make_executor(jobs or cores(), cache_dir), trial_parallel=1)
+    work_on(study, make_executor(jobs or default_jobs(), cache_dir), trial_parallel=1)
     _write_outcome(database, study.record)
     report(study.definition.name, folder / "report.html", storage=str(folder / "demo.db"))
     suggest_outcome(database, "demo")

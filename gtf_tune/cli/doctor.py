@@ -9,10 +9,12 @@ import typer
 
 from gtf_tune.cli.parameters import CacheDir, Json
 from gtf_tune.cli.terminal.console import say, write_json, write_table
+from gtf_tune.errors import MachineError
 
 _PACKAGES = ("pycolmap", "optuna", "optuna-dashboard", "sqlalchemy", "numpy", "scipy", "opencv-python-headless")
 _EXTRAS = {"psycopg": "postgres", "distributed": "dask", "kaleido": "png"}
 _GIB = 2**30
+_NEARLY = 0.95
 Check = tuple[str, bool, str]
 
 
@@ -58,26 +60,31 @@ def _attempt(name: str, check: Callable[[], str]) -> Check:
     """Run a check; the errors of the system and of COLMAP are its answer."""
     try:
         return name, True, check()
-    except (OSError, RuntimeError, ImportError) as error:
+    except (OSError, RuntimeError, ImportError, MachineError) as error:
         return name, False, str(error)
 
 
 def _machine() -> str:
     import psutil
 
-    from gtf_tune.cli.parameters import cores
+    from gtf_tune.api.defaults import cores, default_jobs
+    from gtf_tune.operating_system import available_memory_bytes
 
-    memory = psutil.virtual_memory()
-    return f"{cores()} cores, {memory.available / _GIB:.1f} of {memory.total / _GIB:.1f} GiB memory free"
+    left, total = available_memory_bytes(), psutil.virtual_memory().total
+    found = f"{cores()} cores, {left / _GIB:.1f} of {total / _GIB:.1f} GiB memory free"
+    if left < psutil.virtual_memory().available * _NEARLY:
+        found += " (by the limit of a control group, a container or a SLURM job)"
+    return f"{found}, {default_jobs()} runs at a time unless --jobs says otherwise"
 
 
 def _cache(folder: Path | None) -> str:
     import shutil
 
     from gtf_tune.execution import default_cache_folder
+    from gtf_tune.operating_system import make_private
 
     place = folder or default_cache_folder()
-    place.mkdir(parents=True, exist_ok=True)
+    make_private(place)
     probe = place / "doctor.tmp"
     probe.write_bytes(b"")
     probe.unlink()

@@ -41,7 +41,7 @@ def evaluate(
 
     Example: gtf-tune evaluate images/ -o mapper.max_normalized_reproj_error=1e-3
     """
-    from gtf_tune.cli.parameters import cores, make_executor
+    from gtf_tune.cli.parameters import default_jobs, make_executor
     from gtf_tune.cli.values import parse_options, parse_pairs
     from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict
@@ -62,7 +62,7 @@ def evaluate(
     selection = parse_selection(frames, exclude, recursive)
     loaded = load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES)
     say_notes(loaded, say)
-    with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
+    with make_executor(jobs or default_jobs(), cache_dir, no_cache=no_cache) as executor:
         found = evaluate_configuration(wanted, loaded, executor, on_run=say)
     if json:
         write_json(found.as_dict())

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings, cores, make_executor
+from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings, default_jobs, make_executor
 from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
 from gtf_tune.cli.terminal.console import number, permille, say, write_json, write_line, write_table
 
@@ -59,7 +59,7 @@ def noise(
     probe = NoiseProbe(chosen, chosen.options.check(given), gtf, seed, runs, ladder)
     selection = parse_selection(frames, exclude, recursive)
     loaded = with_focal_prior(load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES), chosen)
-    with make_executor(jobs or cores(), cache_dir, no_cache=no_cache) as executor:
+    with make_executor(jobs or default_jobs(), cache_dir, no_cache=no_cache) as executor:
         found = probe.measure(loaded, fresh_runs(executor, run_limits(LimitsDefinition())), _say_level)
     if json:
         write_json(_as_json(found))

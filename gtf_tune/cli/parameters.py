@@ -31,7 +31,8 @@ CacheDir = Annotated[
 ]
 NoCache = Annotated[bool, typer.Option("--no-cache", help="Compute every stage of every run anew.")]
 Jobs = Annotated[
-    int | None, typer.Option("--jobs", "-j", min=1, max=10_000, help="Runs side by side (default: cores).")
+    int | None,
+    typer.Option("--jobs", "-j", min=1, max=10_000, help="Runs side by side (default: as cores and memory allow)."),
 ]
 Settings = Annotated[
     list[str] | None,
@@ -65,7 +66,7 @@ ExecutorAddress = Annotated[
 
 _DASK = "dask://"
 
-cores = defaults.cores
+default_jobs = defaults.default_jobs
 
 
 def make_executor(jobs: int, cache_dir: Path | None, address: str = "local", *, no_cache: bool = False) -> "Executor":

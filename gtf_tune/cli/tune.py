@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Settings, Storage, cores, make_executor
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Settings, Storage, default_jobs, make_executor
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
 from gtf_tune.cli.study.create import Pipeline, Range, parse_range
 from gtf_tune.cli.study.run import work_on
@@ -59,7 +59,7 @@ def tune(
 
     began = time.monotonic()
     hush_optuna()
-    request = _request(source, minutes, jobs or cores(), tier, _sections(source, pipeline, setting, range_))
+    request = _request(source, minutes, jobs or default_jobs(), tier, _sections(source, pipeline, setting, range_))
     folder = output or source.absolute().with_name(f"{source.stem}-tuned")
     check_output(folder)
     database = create_storage(storage)

@@ -13,7 +13,7 @@ from gtf_tune.cli.parameters import (
     Jobs,
     NoCache,
     Storage,
-    cores,
+    default_jobs,
     make_executor,
 )
 from gtf_tune.cli.remedies import with_remedy
@@ -78,7 +78,7 @@ def worker(
     stop = StopRequest()
     with (
         signals_to(stop, say),
-        make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache) as runs_on,
+        make_executor(jobs or default_jobs(), cache_dir, executor, no_cache=no_cache) as runs_on,
     ):
         database = wait_for_storage(storage)
         _announce_closed(database, rules)

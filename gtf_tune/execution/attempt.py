@@ -18,6 +18,7 @@ from gtf_tune.execution.base import RunLimits
 from gtf_tune.execution.paths import RunPaths
 from gtf_tune.execution.process import STARTING, RunTimer, cause_of_death
 from gtf_tune.execution.run_in_child import versions_of
+from gtf_tune.operating_system import SIGKILL
 from gtf_tune.pipelines.run import FailureCause, RunOutcome, RunRequest
 from gtf_tune.trajectory import Trajectory
 
@@ -127,7 +128,7 @@ class Attempt:
         if isinstance(error, ProcessExpired):
             return self._failed(*_death(error.exitcode or 0, self.number))
         if isinstance(error, BrokenProcessPool):
-            return self._failed(*_death(-signal.SIGKILL, self.number))
+            return self._failed(*_death(-SIGKILL, self.number))
         raise error
 
     def _failed(self, reason: str, cause: FailureCause) -> RunOutcome:

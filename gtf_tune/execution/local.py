@@ -11,7 +11,6 @@ from functools import partial
 from pathlib import Path
 from typing import Self
 
-import psutil
 from pebble import ProcessExpired
 
 from gtf_tune.errors import DefinitionError, MachineError
@@ -22,6 +21,7 @@ from gtf_tune.execution.process import TICK_S, RunTimer, counted
 from gtf_tune.execution.run_in_child import execute_in_worker
 from gtf_tune.execution.stages import FreshStages, StageStore
 from gtf_tune.execution.workers import Workers
+from gtf_tune.operating_system import available_memory_bytes
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
 
 _MEMORY_MARGIN = 1.1
@@ -77,7 +77,7 @@ class LocalExecutor:
         self._jobs = jobs
         self._stages = stages or FreshStages()
         self._scratch = Scratch(scratch or default_cache_folder() / "scratch")
-        self._memory_bytes = memory_bytes or psutil.virtual_memory().available
+        self._memory_bytes = memory_bytes or available_memory_bytes()
         self._retry_elsewhere = retry_elsewhere
         self._waiting: deque[_Item] = deque()
         self._running: list[_Item] = []

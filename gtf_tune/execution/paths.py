@@ -1,6 +1,5 @@
 """The files of runs, and the removal of what a killed process left."""
 
-import fcntl
 import os
 import shutil
 import tempfile
@@ -11,6 +10,7 @@ from typing import IO
 import platformdirs
 
 from gtf_tune.errors import MachineError
+from gtf_tune.operating_system import lock, make_private, try_lock
 
 _LOG_TAIL_BYTES = 8192
 _OWNER_LOCK = "owner.lock"
@@ -66,14 +66,14 @@ class Scratch:
     def __init__(self, root: Path) -> None:
         root = root.expanduser().absolute()  # programs start in folders of their own
         try:
-            root.mkdir(parents=True, exist_ok=True)
+            make_private(root)
             with (root / "turn.lock").open("ab") as turn:
                 # Between a folder and its lock, another owner would take it for abandoned (1 of 100 of eight at once).
-                fcntl.flock(turn, fcntl.LOCK_EX)
+                lock(turn)
                 _remove_abandoned(root)
                 self.folder = Path(tempfile.mkdtemp(prefix="runs-", dir=root))
                 self._lock: IO[bytes] = (self.folder / _OWNER_LOCK).open("wb")
-                fcntl.flock(self._lock, fcntl.LOCK_EX)
+                lock(self._lock)
         except OSError as error:
             raise _unwritable(root, error) from error
 
@@ -113,8 +113,9 @@ def _unwritable(folder: Path, error: OSError) -> MachineError:
 def _remove_abandoned(root: Path) -> None:
     for folder in root.glob("runs-*"):
         try:
-            with (folder / _OWNER_LOCK).open("ab") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(folder, ignore_errors=True)
+            with (folder / _OWNER_LOCK).open("ab") as owner:
+                abandoned = try_lock(owner)
         except OSError:
             continue
+        if abandoned:
+            shutil.rmtree(folder, ignore_errors=True)

@@ -3,52 +3,42 @@
 import contextlib
 import multiprocessing
 import os
-import resource
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from multiprocessing import resource_tracker
 from pathlib import Path
 
 import psutil
 
 from gtf_tune.errors import MachineError
+from gtf_tune.operating_system import SIGKILL, SIGNALS_FROM_OUTSIDE, end_group, ignore_interrupts
 from gtf_tune.pipelines.run import FailureCause
 
 _WATCHDOG = Path(__file__).with_name("watchdog.py")
-_KIB = 1024
-_FROM_OUTSIDE = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)
 
 
 def initialise_worker() -> None:
     """Prepare a worker process: it and all that its runs start end with its parent, and it leaves Ctrl-C to it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])  # see `interrupts_withheld`
+    ignore_interrupts()
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     os.environ["OMP_NUM_THREADS"] = "1"
-    if hasattr(os, "pidfd_open"):
+    if hasattr(os, "setpgid"):
         os.setpgid(0, 0)
+    if hasattr(os, "pidfd_open"):
         _set_watchdog()
+    else:
+        threading.Thread(target=_end_with_parent, name="end-with-parent", daemon=True).start()
 
 
-@contextlib.contextmanager
-def interrupts_withheld() -> Iterator[None]:
-    """Let processes and threads that start in this context not hear Ctrl-C.
-
-    A process inherits the signal mask of the thread that starts it. Without this, Ctrl-C at a terminal reaches it while
-    it imports what it takes to ignore it. Other threads of this process still hear Ctrl-C, and so does this one
-    afterwards.
-    """
-    # Starting the tracker, which the first process of all does, unblocks SIGINT in Python 3.11.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
-    try:
-        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+def _end_with_parent() -> None:
+    """End this process, and what its runs have started where there are groups of processes, when its parent is gone."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        end_group()
 
 
 def _set_watchdog() -> None:
@@ -108,53 +98,11 @@ def output_to(path: Path) -> Iterator[None]:
             os.close(descriptor)
 
 
-@contextlib.contextmanager
-def memory_limited(limit_bytes: int) -> Iterator[None]:
-    """Let the process, and each program that it starts, take no more than ``limit_bytes`` of new memory.
-
-    RLIMIT_DATA counts private writable memory, which is what a run uses; RLIMIT_AS would also count the gigabytes of
-    address space that thread stacks and libraries merely reserve.
-    """
-    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    wanted = _data_bytes() + limit_bytes
-    if hard != resource.RLIM_INFINITY:
-        wanted = min(wanted, hard)
-    resource.setrlimit(resource.RLIMIT_DATA, (wanted, hard))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
-
-
-def reset_peak_memory() -> None:
-    """Start a new measurement of `peak_memory_bytes` (Linux; elsewhere the peak is that of the process's life)."""
-    with contextlib.suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-
-
-def peak_memory_bytes() -> int:
-    """Return the largest resident set since the last reset, or that of the largest program started since."""
-    own = _status_bytes("VmHWM") or resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _KIB
-    return max(own, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * _KIB)
-
-
-def _data_bytes() -> int:
-    return _status_bytes("VmData")
-
-
-def _status_bytes(field: str) -> int:
-    try:
-        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
-    except OSError:
-        return 0
-    return next((int(line.split()[1]) * _KIB for line in lines if line.startswith(f"{field}:")), 0)
-
-
 def cause_of_death(number: int) -> FailureCause:
     """Return what the end of a process by a signal says about its run; 0 is no signal."""
-    if number == signal.SIGKILL:
+    if number == SIGKILL:
         return "killed"
-    return "terminated" if number in _FROM_OUTSIDE else "unknown"
+    return "terminated" if number in SIGNALS_FROM_OUTSIDE else "unknown"
 
 
 TICK_S = 0.25

@@ -15,15 +15,9 @@ import numpy as np
 from gtf_tune.errors import DefinitionError, MachineError, OptionError, RunError, SequenceError
 from gtf_tune.execution.base import RunLimits
 from gtf_tune.execution.paths import RunPaths
-from gtf_tune.execution.process import (
-    PhaseNote,
-    cause_of_death,
-    memory_limited,
-    output_to,
-    peak_memory_bytes,
-    reset_peak_memory,
-)
+from gtf_tune.execution.process import PhaseNote, cause_of_death, output_to
 from gtf_tune.execution.stages import StageStore
+from gtf_tune.operating_system import memory_limited, peak_memory_bytes, reset_peak_memory
 from gtf_tune.pipelines.base import PipelineJob, PipelineOutput, Stages
 from gtf_tune.pipelines.run import FailureCause, RunOutcome, RunRequest
 from gtf_tune.sequence import Sequence

@@ -7,7 +7,6 @@ from eviction while a run uses it; the kernel frees the locks of killed processe
 """
 
 import contextlib
-import fcntl
 import json
 import os
 import shutil
@@ -19,6 +18,8 @@ from pathlib import Path
 from typing import IO
 
 from gtf_tune.errors import MachineError
+from gtf_tune.operating_system import lock as take_lock
+from gtf_tune.operating_system import make_private, try_lock
 
 _MANIFEST = "manifest.json"
 _CHUNK_BYTES = 2**20
@@ -101,14 +102,15 @@ class StageCache:
     def lock(self, key: str) -> IO[bytes]:
         """Return the open lock file of a key."""
         path = self.folder / "locks" / key
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_private(self.folder)
+        make_private(path.parent)
         return path.open("ab")
 
     def build(self, stage: str, key: str, build: Callable[[Path], None]) -> None:
         """Build an entry aside and rename it into place; the caller holds the lock of the key alone."""
         final = self.entry_folder(key)
-        final.parent.mkdir(parents=True, exist_ok=True)
-        (self.folder / "building").mkdir(exist_ok=True)
+        for folder in (self.folder / "stages", final.parent, self.folder / "building"):
+            make_private(folder)
         for abandoned in (self.folder / "building").glob(f"{key}-*"):
             shutil.rmtree(abandoned, ignore_errors=True)
         aside = Path(tempfile.mkdtemp(prefix=f"{key}-", dir=self.folder / "building"))
@@ -131,9 +133,7 @@ class StageCache:
     def _remove_unused(self, key: str, folder: Path) -> bool:
         """Remove the folder of a key, unless someone uses or builds its entry, and return whether it is gone."""
         with self.lock(key) as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
+            if not try_lock(lock):
                 return False
             _remove_entry(folder)
             return True
@@ -165,7 +165,7 @@ class _CachedStages:
                 remedy=("cache",),
             ) from error
         try:
-            fcntl.flock(lock, fcntl.LOCK_SH)
+            take_lock(lock, shared=True)
             if not _is_sound(folder):
                 self._build_alone(lock, stage, key, build)
             os.utime(folder / _MANIFEST)
@@ -182,12 +182,12 @@ class _CachedStages:
         self.locks.clear()
 
     def _build_alone(self, lock: IO[bytes], stage: str, key: str, build: Callable[[Path], None]) -> None:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        take_lock(lock)
         folder = self.cache.entry_folder(key)
         if not _is_sound(folder):
             _remove_entry(folder)
             self.cache.build(stage, key, build)
-        fcntl.flock(lock, fcntl.LOCK_SH)
+        take_lock(lock, shared=True)
 
 
 def _write_manifest(folder: Path, stage: str) -> None:

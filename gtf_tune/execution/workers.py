@@ -10,7 +10,8 @@ from typing import Any
 from pebble import ProcessPool
 
 from gtf_tune.errors import MachineError
-from gtf_tune.execution.process import initialise_worker, interrupts_withheld
+from gtf_tune.execution.process import initialise_worker
+from gtf_tune.operating_system import interrupts_withheld
 
 _TRIES = 3
 

@@ -10,20 +10,16 @@ import socket
 import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Literal
 
 from sqlalchemy import ColumnElement, case, func, or_, select, update
 from sqlalchemy.orm import Session, aliased
 
+from gtf_tune.operating_system import machine_name, process_start
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.columns import DatabaseClock
 from gtf_tune.store.database.session import read, read_rows, write
-
-_DEAD_STATES = frozenset("ZXx")
-_STATE_FIELD = 0
-_START_FIELD = 19
 
 
 @dataclass(frozen=True)
@@ -44,30 +40,15 @@ class Worker:
 def this_worker(name: str = "") -> Worker:
     """Return the worker that this process is; the name defaults to ``HOST:PID``."""
     host, pid = socket.gethostname(), os.getpid()
-    return Worker(name or f"{host}:{pid}", host, _machine(host), pid, _start_of(pid) or 0)
+    return Worker(name or f"{host}:{pid}", host, machine_name(), pid, process_start(pid) or 0)
 
 
 def has_died(worker: Worker) -> bool:
     """Return True if a worker's process is known to be gone; False where this machine cannot know."""
-    if worker.machine != _machine(socket.gethostname()):
+    if worker.machine != machine_name():
         return False
-    return _start_of(worker.pid) != worker.pid_started
-
-
-def _machine(host: str) -> str:
-    boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
-    return f"{host} {boot} {os.readlink('/proc/self/ns/pid')}"
-
-
-def _start_of(pid: int) -> int | None:
-    """Return when a process started, or None where no such process lives."""
-    try:
-        status = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
-    except (FileNotFoundError, ProcessLookupError):
-        return None
-    # proc(5): the name in brackets may itself hold brackets and spaces, so the fields count from the last bracket.
-    fields = status.rpartition(")")[2].split()
-    return None if fields[_STATE_FIELD] in _DEAD_STATES else int(fields[_START_FIELD])
+    started = process_start(worker.pid)
+    return started is None or (started != 0 and started != worker.pid_started)
 
 
 TrialState = Literal["claimed", "complete", "pruned", "failed"]

@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 
 from gtf_tune.execution.paths import RunPaths
-from gtf_tune.execution.process import (
-    interrupts_withheld,
-    memory_limited,
-    output_to,
-)
+from gtf_tune.execution.process import output_to
+from gtf_tune.operating_system import interrupts_withheld, memory_limited
 
 MIB = 2**20
 
@@ -62,7 +59,7 @@ def test_limits_end_with_the_run() -> None:
 def test_the_peak_is_that_of_the_run_and_not_of_earlier_ones() -> None:
     code = """
 import numpy as np
-from gtf_tune.execution.process import peak_memory_bytes, reset_peak_memory
+from gtf_tune.operating_system import peak_memory_bytes, reset_peak_memory
 np.ones(256 * 2**20 // 8)
 reset_peak_memory()
 quiet = peak_memory_bytes()
@@ -106,7 +103,7 @@ def test_ctrl_c_is_withheld_from_what_starts_and_heard_again_afterwards_also_aft
 def test_what_withholds_ctrl_c_holds_also_for_the_first_process_of_all() -> None:
     script = (
         "import signal, multiprocessing\n"
-        "from gtf_tune.execution.process import interrupts_withheld\n"
+        "from gtf_tune.operating_system import interrupts_withheld\n"
         "with interrupts_withheld():\n"
         "    multiprocessing.get_context('spawn').Lock()\n"
         "    print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))\n"

@@ -4,7 +4,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Json, Storage, StudyName, cores, make_executor
+from gtf_tune.cli.parameters import (
+    DEFAULT_STORAGE,
+    CacheDir,
+    Jobs,
+    Json,
+    Storage,
+    StudyName,
+    default_jobs,
+    make_executor,
+)
 from gtf_tune.cli.storage_access import open_storage, storage_flag
 from gtf_tune.cli.study.notes import suggest_step
 from gtf_tune.cli.study.run import (
@@ -62,7 +71,7 @@ def confirm(
     study = open_for_work(database, name, sequence, allow_version_mismatch)
     plan = plan_confirmation(study, place_folders(sequence), top=top, noisy_runs=runs)
     stop = StopRequest()
-    with signals_to(stop, say), make_executor(jobs or cores(), cache_dir) as executor:
+    with signals_to(stop, say), make_executor(jobs or default_jobs(), cache_dir) as executor:
         source = RunSource(database, executor, run_limits(study.definition.limits), stop, _say_event, study.nominal_run)
         try:
             verdict = confirm_plan(study, plan, source)

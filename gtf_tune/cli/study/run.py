@@ -13,7 +13,7 @@ from gtf_tune.cli.parameters import (
     NoCache,
     Storage,
     StudyName,
-    cores,
+    default_jobs,
     make_executor,
 )
 from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
@@ -82,7 +82,7 @@ def run(
     study = open_for_work(database, name, sequence, allow_version_mismatch)
     work_on(
         study,
-        make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache),
+        make_executor(jobs or default_jobs(), cache_dir, executor, no_cache=no_cache),
         trial_parallel,
         dashboard=dashboard,
     )
@@ -122,7 +122,7 @@ def resume(
     reopen_study(database, name)
     work_on(
         study,
-        make_executor(jobs or cores(), cache_dir, executor, no_cache=no_cache),
+        make_executor(jobs or default_jobs(), cache_dir, executor, no_cache=no_cache),
         trial_parallel,
         dashboard=dashboard,
     )

@@ -1,12 +1,13 @@
 """Let one run at a time use a CUDA device of this machine."""
 
 import contextlib
-import fcntl
 import os
 import re
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+
+from gtf_tune.operating_system import lock, open_lock_file, user_id
 
 
 def cuda_device() -> str:
@@ -24,11 +25,11 @@ def cuda_lock(
     Yields the descriptor of the lock's file. The lock lasts until the context ends *and* every process that inherited
     the descriptor is gone; the kernel frees the lock of killed processes.
     """
-    path = Path(tempfile.gettempdir(), f"gtf-tune-{os.getuid()}-cuda-{device}.lock")
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+    path = Path(tempfile.gettempdir(), f"gtf-tune-{user_id()}-cuda-{device}.lock")
+    descriptor = open_lock_file(path)
     try:
         with waiting():
-            fcntl.flock(descriptor, fcntl.LOCK_EX)
+            lock(descriptor)
         yield descriptor
     finally:
         os.close(descriptor)

@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gtf_tune.errors import MachineError, RunError
+from gtf_tune.operating_system import SIGKILL, memory_limit_bytes
 
 LOG_LIMIT_BYTES = 5 * 10**6
 """What one program may add to the log of a run; the middle of more than that is left out."""
@@ -95,13 +95,13 @@ def _how(ended: ProgramExit) -> str:
 
 
 def _memory(ended: ProgramExit) -> str:
-    limit, _ = resource.getrlimit(resource.RLIMIT_DATA)
-    if limit != resource.RLIM_INFINITY and ended.peak_memory_bytes > _NEAR_LIMIT * limit:
+    limit = memory_limit_bytes()
+    if limit is not None and ended.peak_memory_bytes > _NEAR_LIMIT * limit:
         return (
             f" after taking {ended.peak_memory_bytes / _GB:.1f} GB of the {limit / _GB:.1f} GB that a run may have "
             "(limits.run_memory_gb)"
         )
-    return ", most likely for want of memory" if ended.exit_code == -signal.SIGKILL else ""
+    return ", most likely for want of memory" if ended.exit_code == -SIGKILL else ""
 
 
 def _read_report(report: Path, program: str, supervisor_code: int, wall_s: float) -> ProgramExit:
@@ -109,7 +109,7 @@ def _read_report(report: Path, program: str, supervisor_code: int, wall_s: float
         content = json.loads(report.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         killed = f"the supervisor of {program} was killed (exit code {supervisor_code})"
-        raise RunError(killed, died_of=signal.SIGKILL) from error
+        raise RunError(killed, died_of=SIGKILL) from error
     if "cannot_start" in content:
         # Only arguments that are too long or hold a null character can be the configuration's fault.
         fault = RunError if content["errno"] in (0, errno.E2BIG) else MachineError

@@ -1,9 +1,7 @@
 """Write notes, figures and files into the places where optuna-dashboard finds them, one process at a time."""
 
-import fcntl
 import io
 import json
-import os
 import time
 import uuid
 import warnings
@@ -23,6 +21,7 @@ from optuna.storages import BaseStorage
 from sqlalchemy import text
 from sqlalchemy.exc import DBAPIError
 
+from gtf_tune.operating_system import opened_folder, try_lock
 from gtf_tune.report.dashboard.notes import Attachment
 from gtf_tune.report.drawing import theme
 from gtf_tune.report.drawing.markup import figure_id
@@ -82,19 +81,8 @@ def turn_to_write(database: Database, study_id: int, patience_s: float = 0.0) ->
 
 @contextmanager
 def _locked_folder(folder: Path, patience_s: float) -> Iterator[bool]:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        yield _within(patience_s, lambda: _try_lock(handle))
-    finally:
-        os.close(handle)
-
-
-def _try_lock(handle: int) -> bool:
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
+    with opened_folder(folder) as handle:
+        yield _within(patience_s, lambda: try_lock(handle))
 
 
 def _within(patience_s: float, attempt: Callable[[], bool]) -> bool:

@@ -3,8 +3,6 @@
 Both keep the revision of their tables in a table of their own: ``gtf_alembic_version`` and ``alembic_version``.
 """
 
-import fcntl
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +11,7 @@ from sqlalchemy import Engine, column, inspect, select, table, text
 from sqlalchemy.engine import URL
 
 from gtf_tune.errors import StorageError
+from gtf_tune.operating_system import lock, opened_folder
 from gtf_tune.store.database.engine import READ_ONLY, display_url, untuned_arguments
 from gtf_tune.store.optuna.revision import optuna_revision
 
@@ -122,12 +121,9 @@ def optuna_url(url: URL) -> str:
 def _alone(engine: Engine, url: URL) -> Iterator[None]:
     """Keep other processes out: by a lock on the folder of a SQLite file, by an advisory lock on PostgreSQL."""
     if engine.dialect.name == "sqlite":
-        folder = os.open(Path(str(url.database)).resolve().parent, os.O_RDONLY)
-        try:
-            fcntl.flock(folder, fcntl.LOCK_EX)
+        with opened_folder(Path(str(url.database)).resolve().parent) as folder:
+            lock(folder)
             yield
-        finally:
-            os.close(folder)
         return
     with engine.execution_options(isolation_level="AUTOCOMMIT").connect() as connection:
         connection.execute(text("SELECT pg_advisory_lock(:key)"), {"key": _ADVISORY_LOCK})
