@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from gtf_tune.errors import MachineError, RunError
-from gtf_tune.pipelines.command import process
+from gtf_tune.pipelines.command import process, supervisor
 from gtf_tune.pipelines.command.cuda_lock import cuda_device, cuda_lock
 from gtf_tune.pipelines.command.process import ProgramExit, check_exit, run_program
 
@@ -178,7 +178,7 @@ def test_a_program_at_the_memory_limit_is_said_to_be_there(tmp_path: Path, monke
 
     ended = run_program(words, tmp_path, {}, tmp_path / "report.json")
 
-    monkeypatch.setattr(process.resource, "getrlimit", lambda _: (limit_kib * 1024, -1))
+    monkeypatch.setattr(process, "memory_limit_bytes", lambda: limit_kib * 1024)
     with pytest.raises(RunError, match=r"of the 0\.2 GB that a run may have .* its last words: MemoryError"):
         check_exit("x", ended)
 
@@ -208,3 +208,16 @@ def test_the_device_is_the_first_that_is_visible(monkeypatch: pytest.MonkeyPatch
     assert cuda_device() == "3"
     monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "../GPU-1/x")
     assert os.sep not in cuda_device()
+
+
+def test_descendants_are_found_without_proc_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    started = subprocess.Popen(["sleep", "60"])
+    try:
+        found = set(supervisor._descendants())
+        monkeypatch.setattr(supervisor.os.path, "isdir", lambda _: False)
+        listed = set(supervisor._descendants())
+    finally:
+        started.kill()
+        started.wait()
+    assert started.pid in found
+    assert found <= listed

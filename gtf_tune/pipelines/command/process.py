@@ -53,6 +53,11 @@ def run_program(
     RunError
         The program cannot be given such arguments, or its supervisor was killed.
     """
+    if not hasattr(os, "setsid"):
+        raise MachineError(
+            f"cannot start {arguments[0]}: programs run in sessions of their own here, which Windows lacks; use Linux, "
+            "macOS or the Windows Subsystem for Linux"
+        )
     if not (folder.is_dir() and os.access(folder, os.X_OK)):
         raise MachineError(
             f"cannot start {arguments[0]}: there is no folder {folder} to start it in; see 'working_folder'"

@@ -17,7 +17,7 @@ import signal
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
@@ -167,21 +167,30 @@ def _drain(process: "subprocess.Popen[bytes]", log: CappedLog) -> None:
 
 def _descendants() -> list[int]:
     children: dict[int, list[int]] = {}
-    for folder in os.listdir("/proc") if os.path.isdir("/proc") else ():
-        if folder.isdigit():
-            try:
-                status = Path("/proc", folder, "stat").read_bytes()
-            except OSError:
-                continue
-            # The name of the program stands in parentheses and may hold anything.
-            parent = int(status.rpartition(b")")[2].split()[1])
-            children.setdefault(parent, []).append(int(folder))
+    for pid, parent in _processes():
+        children.setdefault(parent, []).append(pid)
     found, waiting = [], [os.getpid()]
     while waiting:
         of_one = children.get(waiting.pop(), [])
         found += of_one
         waiting += of_one
     return found
+
+
+def _processes() -> Iterator[tuple[int, int]]:
+    """Yield the number of every process and that of its parent."""
+    if not os.path.isdir("/proc"):  # macOS
+        listed = subprocess.run(["ps", "-A", "-o", "pid=,ppid="], capture_output=True, text=True, check=False).stdout
+        yield from ((int(line.split()[0]), int(line.split()[1])) for line in listed.splitlines())
+        return
+    for folder in os.listdir("/proc"):
+        if folder.isdigit():
+            try:
+                status = Path("/proc", folder, "stat").read_bytes()
+            except OSError:
+                continue
+            # The name of the program stands in parentheses and may hold anything.
+            yield int(folder), int(status.rpartition(b")")[2].split()[1])
 
 
 def _become_subreaper() -> None:
