@@ -19,7 +19,7 @@ from gtf_tune.pipelines import OptionValue, Pipeline, create_pipeline
 from gtf_tune.pipelines.function import SlamFunction, from_function
 from gtf_tune.pipelines.function.imported import create_imported, is_importable, needs_nominal, resolved
 from gtf_tune.pipelines.function.pipeline import checked_nominal, name_of
-from gtf_tune.pipelines.preset_spaces import preset_space
+from gtf_tune.pipelines.preset_spaces import preset_search, preset_space
 from gtf_tune.sequence import FEWEST_FRAMES, load_sequence
 from gtf_tune.store import studies
 from gtf_tune.store.database import create_database, open_database
@@ -107,7 +107,7 @@ def create_study(
     """
     plan = _plan(name, sequence, space, pipeline, nominal, version)
     for section, given in (("gtf", gtf), ("search", search), ("limits", limits)):
-        plan.data[section] = dict(given or {})
+        plan.data[section] = {**plan.data.get(section, {}), **(given or {})}
     plan.data["pipeline"]["options"] = dict(options or {})
     plan.data["pipeline"]["settings"].update(settings or {})
     if trials is not None:
@@ -274,7 +274,9 @@ def _plan(
         preset_space(pipeline if isinstance(pipeline, str) else name_of(pipeline)).axes() if space is None else space
     )
     axes = {option: _axis(option, axis) for option, axis in searched.items()}
-    data = {"name": name, "sequences": _sequences(sequence), "space": axes}
+    data: dict[str, Any] = {"name": name, "sequences": _sequences(sequence), "space": axes, "search": {}}
+    if space is None and isinstance(pipeline, str):
+        data["search"] = preset_search(pipeline, axes, {"nominal": nominal or {}})
     if isinstance(pipeline, str):
         own = {"nominal": dict(nominal or {})}
         is_function = ":" in pipeline and needs_nominal(pipeline)

@@ -80,7 +80,9 @@ class SearchDefinition(Section):
 
     ``sampler = "auto"`` becomes what suits the space (see docs/performance.md): a grid for lists of values that the
     budget covers, ``refine`` where there is a range, else ``tpe``. ``module:Class`` is any sampler of Optuna's kind,
-    made with ``sampler_arguments``.
+    made with ``sampler_arguments``. ``first`` are configurations that are tried right after nominal, besides the
+    ``trials``, each as the searched options that differ from nominal. ``baselines`` are what people use beside the
+    defaults, options by name: each is one more candidate of a confirmation, and may be adopted.
     """
 
     sampler: str = "auto"
@@ -88,6 +90,8 @@ class SearchDefinition(Section):
     trials: int | None = Field(default=None, ge=1, le=10**7)
     seed: int = Field(default=0, ge=0, lt=2**31)
     pruner: Literal["none", "wilcoxon"] = "none"
+    first: list[dict[str, AxisValue]] = Field(default_factory=list)
+    baselines: dict[str, dict[str, AxisValue]] = Field(default_factory=dict)
 
     @field_validator("sampler")
     @classmethod

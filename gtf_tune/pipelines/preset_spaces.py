@@ -1,9 +1,10 @@
 """Read what is searched when nobody says: one file a pipeline, with the reason and the source of each range."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
+from types import MappingProxyType
 from typing import Any
 
 from gtf_tune.errors import DefinitionError
@@ -53,6 +54,17 @@ class PresetSpace:
         """Return the axes of the options up to a tier, as a study definition has them."""
         return {option.name: option.axis for option in self.options if option.tier <= tier}
 
+    def search(self, space: Collection[str], fixed: Collection[str] = ()) -> dict[str, Any]:
+        """Return what a study that searches ``space`` tries first, and its baselines, as a definition has them.
+
+        Configurations with other options than those are left out, and baselines with options held ``fixed``.
+        """
+        baselines = {baseline.name: dict(baseline.options) for baseline in self.baselines}
+        return {
+            "first": [dict(options) for options in self.first if set(options) <= set(space)],
+            "baselines": {name: options for name, options in baselines.items() if not set(options) & set(fixed)},
+        }
+
 
 def preset_pipelines() -> list[str]:
     """Return the names of the pipelines that have a preset, sorted."""
@@ -81,6 +93,18 @@ def preset_space(pipeline: str) -> PresetSpace:
         tuple(data.get("first", ())),
         tuple(Baseline(entry["name"], entry["options"], entry["source"]) for entry in data.get("baselines", ())),
     )
+
+
+def preset_search(
+    pipeline: str, space: Collection[str], section: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Any]:
+    """Return what a study of a pipeline tries first and its baselines, as `PresetSpace.search`; nothing without preset.
+
+    ``section`` is the pipeline's part of the definition: what it holds fixed is respected.
+    """
+    if pipeline not in preset_pipelines():
+        return {}
+    return preset_space(pipeline).search(space, {**section.get("options", {}), **section.get("nominal", {})})
 
 
 def _option(data: Mapping[str, Any]) -> PresetOption:

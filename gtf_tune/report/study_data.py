@@ -15,8 +15,9 @@ from gtf_tune.store.runs import StoredRun, TrialRun
 from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.outcome.doubt import doubts_of_detail
+from gtf_tune.study.outcome.evidence import evidence_of
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement, improvement_of
-from gtf_tune.study.outcome.recommendation import Recommendation, decide, evidence_of
+from gtf_tune.study.outcome.recommendation import Recommendation, decide
 from gtf_tune.study.outcome.verdict import Verdict, verdict_of
 
 

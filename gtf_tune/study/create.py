@@ -22,7 +22,7 @@ from gtf_tune.definition import (
 from gtf_tune.errors import DefinitionError, GtfTuneError, OptunaStudyError, SequenceError, first_remedy, numbered
 from gtf_tune.pipelines import OptionTable, OptionValue, Pipeline, create_pipeline
 from gtf_tune.sequence import Sequence, say_notes
-from gtf_tune.store import studies
+from gtf_tune.store import enqueued, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.optuna.link import create_optuna_study
 from gtf_tune.store.optuna.tables import optuna_storage
@@ -30,7 +30,7 @@ from gtf_tune.store.studies import NewStudy, Study
 from gtf_tune.study.open_study import load_defined_sequence, make_pipeline, runnable, sequence_row
 from gtf_tune.study.scoring.objective import RESOLVED_KEY, SCORING_VERSION
 from gtf_tune.study.search.samplers import check_search
-from gtf_tune.study.search.space import build_space, space_faults
+from gtf_tune.study.search.space import SearchSpace, build_space, option_faults, space_faults
 from gtf_tune.version import __version__
 
 METRIC_NAME = "GTF ATE"
@@ -85,6 +85,7 @@ def create_study(
     space = build_space(definition, pipeline.options)
     pipeline.options.check({**definition.fixed_options, **space.nominal})
     check_search(definition, space)
+    _check_first(definition, space, pipeline.options)
     refuse_taken_name(database, definition.name)
     loaded = [load_defined_sequence(defined, root, pipeline) for defined in definition.sequences]
     _refuse_same_images(loaded)
@@ -105,10 +106,22 @@ def create_study(
         rows,
     )
     study = studies.add(database, new)
+    for options in definition.search.first:
+        searched = {axis.name: options.get(axis.name, axis.nominal) for axis in space.axes}
+        enqueued.append(database, study.id, searched)
     if on_note is not None:
         for sequence in loaded:
             say_notes(sequence, on_note, named=len(loaded) > 1)
     return study
+
+
+def _check_first(definition: StudyDefinition, space: SearchSpace, table: OptionTable) -> None:
+    """Raise `DefinitionError` unless the space holds what is to be tried first."""
+    faults = [
+        fault for options in definition.search.first for fault in option_faults(space, definition, table, options)
+    ]
+    if faults:
+        raise DefinitionError(f"study '{definition.name}' cannot try first what search.first has: {numbered(faults)}")
 
 
 def refuse_taken_name(database: Database, name: str) -> None:
@@ -154,6 +167,10 @@ def _option_faults(data: Mapping[str, Any]) -> list[GtfTuneError]:
     faults: list[GtfTuneError] = []
     nominal = _checked(section.get("nominal"), table, faults)
     _checked(section.get("options"), table, faults)
+    search = _mapping(data.get("search"))
+    first = search.get("first")
+    for options in [*(first if isinstance(first, list) else ()), *_mapping(search.get("baselines")).values()]:
+        _checked(options, table, faults)
     return faults + space_faults(_sound_axes(data.get("space")), table, nominal)
 
 

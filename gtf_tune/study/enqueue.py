@@ -2,14 +2,12 @@
 
 from collections.abc import Mapping
 
-from gtf_tune.definition import StudyDefinition
 from gtf_tune.errors import OptionError, numbered
-from gtf_tune.pipelines import OptionTable, OptionValue
 from gtf_tune.store import enqueued, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import stored_definition
 from gtf_tune.study.open_study import make_pipeline
-from gtf_tune.study.search.space import SearchAxis, SearchSpace, build_space
+from gtf_tune.study.search.space import build_space, option_faults
 
 
 def enqueue(database: Database, name: str, options: Mapping[str, object]) -> int:
@@ -38,25 +36,3 @@ def enqueue(database: Database, name: str, options: Mapping[str, object]) -> int
     searched = {axis.name: checked.get(axis.name, axis.nominal) for axis in space.axes}
     table.check({**definition.fixed_options, **searched})
     return enqueued.append(database, study.id, searched)
-
-
-def option_faults(
-    space: SearchSpace, definition: StudyDefinition, table: OptionTable, options: Mapping[str, OptionValue]
-) -> list[str]:
-    """Return a sentence for every option that a trial of a study cannot have."""
-    axes = {axis.name: axis for axis in space.axes}
-    faults: list[str] = []
-    for name, value in options.items():
-        if name in axes:
-            faults += _axis_faults(axes[name], value)
-            continue
-        always = definition.fixed_options.get(name, table.specs[name].default)
-        if value != always:
-            faults.append(f"option '{name}' is not searched but {always!r} in every trial, not {value!r}; leave it out")
-    return faults
-
-
-def _axis_faults(axis: SearchAxis, value: OptionValue) -> list[str]:
-    if axis.takes(value):
-        return []
-    return [f"option '{axis.name}' is searched over {axis.words}, not {value!r}; widen that, or choose another value"]

@@ -212,3 +212,45 @@ def test_deleting_a_study_deletes_the_runs_of_its_confirmations(
 
     assert len(before) == len(keys)
     assert runs.find(database, keys) == {}
+
+
+def test_a_baseline_is_confirmed_beside_the_best_and_may_be_adopted(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    # The baseline's option is not searched, and the only trial of the search is worse than nominal.
+    search = {"sampler": "grid", "baselines": {"the manual's": {"filter.max_error": BETTER}}}
+    space = {"robust.scale": {"values": [1.0, 900.0]}}
+    run_study(definition_of(room, **{**GRID, "space": space, "search": search}))
+
+    found = _confirm(database, noisy_runs=8)
+    recommended = recommend_for(database, studies.get(database, "small"))
+
+    assert (found.word, [candidate.baseline for candidate in found.candidates]) == ("adopt", ["the manual's"])
+    assert recommended.headline == "Adopt the options of the manual's"
+    assert recommended.trial is not None
+    assert recommended.trial.options == {"robust.scale": 1.0, "filter.max_error": BETTER}
+    assert recommended.step == "export"
+
+
+def test_the_verdict_says_what_became_of_a_baseline_too(room: Path, database: Database, run_study: Runner) -> None:
+    baselines = {"the manual's": {"filter.max_error": WORSE}}
+    run_study(definition_of(room, **{**GRID, "search": {"sampler": "grid", "baselines": baselines}}))
+
+    found = _confirm(database, top=1, noisy_runs=8)
+    recommended = recommend_for(database, studies.get(database, "small"))
+
+    assert found.word == "adopt"
+    assert "The manual's: GTF ATE +" in recommended.text
+    assert "worse on room" in recommended.text
+
+
+def test_a_chosen_trial_is_confirmed_instead_of_the_best(room: Path, database: Database, run_study: Runner) -> None:
+    run_study(definition_of(room, **GRID))
+    study = open_study(database, "small")
+    other = next(
+        one for one in trials.of_study(database, study.record.id) if one.options == {"filter.max_error": 0.008}
+    )
+
+    plan = plan_confirmation(study, {}, noisy_runs=8, chosen=[other])
+
+    assert [trial.number for _, trial in plan.compared] == [other.number]

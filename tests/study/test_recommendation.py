@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 
 from gtf_tune.store.trials import Trial
+from gtf_tune.study.outcome.evidence import Evidence, evidence_of
 from gtf_tune.study.outcome.improvement import Improvement
-from gtf_tune.study.outcome.recommendation import Evidence, Recommendation, decide, evidence_of
+from gtf_tune.study.outcome.recommendation import Recommendation, decide
 from gtf_tune.study.outcome.verdict import Candidate, MeasuredNominal, Verdict, VerdictWord
 
 IN_SEARCH = Improvement(0.27, 0.20, 0.33, 6)

@@ -46,7 +46,7 @@ def _facts(found: "Recommendation", unit: "ScoreUnit") -> dict[str, str]:
     nominal = found.evidence.nominal
     if nominal is not None and nominal.value is not None:
         facts["nominal"] = _score(nominal, unit) if nominal.feasible else f"infeasible: {nominal.message}"
-    if found.trial is not None and found.trial.number:
+    if found.trial is not None and found.trial.number > 0:
         facts["best"] = f"{_score(found.trial, unit)} (trial {found.trial.number})"
     facts["why"] = " ".join(found.sentences)
     return facts

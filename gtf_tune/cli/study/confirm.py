@@ -111,7 +111,7 @@ def _write(verdict: "Verdict", score: str) -> None:
     change = (f">change of {score}", "95 % interval")
     write_table(["trial", *change, ">p (Holm)", "result"], [_line(candidate) for candidate in verdict.candidates])
     rows = [
-        _sequence_line(candidate.number, name, found)
+        _sequence_line(candidate.label, name, found)
         for candidate in verdict.candidates
         if len(candidate.by_sequence) > 1
         for name, found in candidate.by_sequence.items()
@@ -121,13 +121,13 @@ def _write(verdict: "Verdict", score: str) -> None:
         write_table(["trial", "sequence", *change, ">p (uncorrected)"], rows)
     for candidate in verdict.candidates:
         for reason in candidate.reasons:
-            write_line(f"trial {candidate.number}: {reason}")
+            write_line(f"{candidate.label}: {reason}")
 
 
 def _line(candidate: "Candidate") -> tuple[str, ...]:
     result = "passes" if candidate.passes else "does not pass"
     return (
-        str(candidate.number),
+        candidate.baseline or str(candidate.number),
         candidate.improvement.change,
         candidate.improvement.bounds,
         number(candidate.adjusted_p_value),
@@ -135,6 +135,12 @@ def _line(candidate: "Candidate") -> tuple[str, ...]:
     )
 
 
-def _sequence_line(trial_number: int, name: str, found: "SequenceComparison") -> tuple[str, ...]:
+def _sequence_line(label: str, name: str, found: "SequenceComparison") -> tuple[str, ...]:
     shown = f"{name} (held out)" if found.is_holdout else name
-    return str(trial_number), shown, found.improvement.change, found.improvement.bounds, number(found.p_value)
+    return (
+        label.removeprefix("trial "),
+        shown,
+        found.improvement.change,
+        found.improvement.bounds,
+        number(found.p_value),
+    )

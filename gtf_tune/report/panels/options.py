@@ -104,7 +104,7 @@ def recommended_star(data: StudyData) -> Star | None:
     """Return the mark of the trial to use; None where no trial is recommended."""
     found = data.recommendation
     name = {ADOPT: "adopted", KEEP: "kept"}.get(found.decision, "best so far")
-    return Star(found.trial.number, name) if found.trial else None
+    return Star(found.trial.number, name) if found.trial and found.trial.number >= 0 else None
 
 
 def option_figure(curve: OptionCurve, points: PointSet) -> go.Figure:

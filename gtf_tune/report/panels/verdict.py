@@ -56,8 +56,10 @@ def verdict_facts(data: StudyData) -> VerdictFacts:
     if found.trial is None:
         return VerdictFacts(found)
     points = {point.number: point for point in study_points(data).points}
-    chosen, nominal = points[found.trial.number], points.get(0, TrialPoint(0, "failed"))
-    names = [name for name in data.definition.space if name in chosen.options]
+    options = found.trial.options or {}  # a baseline is no trial of the search, and has no point
+    chosen = points.get(found.trial.number, TrialPoint(found.trial.number, "feasible", options))
+    nominal = points.get(0, TrialPoint(0, "failed"))
+    names = list(chosen.options)
     return VerdictFacts(
         recommendation=found,
         changes=tuple(OptionChange(name, nominal.options.get(name), chosen.options[name]) for name in names),
@@ -87,7 +89,8 @@ def verdict_panel(report: ReportInput) -> list[Block]:
     found = facts.recommendation
     blocks: list[Html] = [_headline(data, facts), _key_numbers(data, facts, study_cost(data))]
     if found.trial is not None and facts.changes and len(_changed(facts)) not in (len(facts.changes), 0):
-        blocks.append(_option_table(facts.changes, found.trial.number))
+        name = f"trial {found.trial.number}" if found.trial.number >= 0 else "recommended"
+        blocks.append(_option_table(facts.changes, name))
     if data.verdict is not None and data.verdict.candidates:
         blocks.append(_candidates(data.verdict))
     if report.snippets:
@@ -188,7 +191,7 @@ def _fact(name: str, value: str, note: str) -> Html:
     return markup.element("div", *(markup.element("span", markup.text(word), class_=kind) for kind, word in parts))
 
 
-def _option_table(changes: tuple[OptionChange, ...], number: int) -> Html:
+def _option_table(changes: tuple[OptionChange, ...], name: str) -> Html:
     rows = [
         (
             markup.cell(markup.code(change.option)),
@@ -199,14 +202,14 @@ def _option_table(changes: tuple[OptionChange, ...], number: int) -> Html:
         )
         for change in changes
     ]
-    return markup.table(["option", ">nominal", f">trial {number}"], rows, "Options")
+    return markup.table(["option", ">nominal", f">{name}"], rows, "Options")
 
 
 def _candidates(verdict: Verdict) -> Html:
     sequences = list(verdict.candidates[0].by_sequence)
     rows = [
         (
-            candidate.number,
+            candidate.baseline or candidate.number,
             candidate.improvement.change,
             candidate.improvement.bounds,
             significant(candidate.adjusted_p_value, 2),

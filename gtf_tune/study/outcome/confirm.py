@@ -6,19 +6,20 @@ noise instance.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from gtf_tune.errors import DefinitionError
 from gtf_tune.gtf import gtf_score
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.pipelines.run import RunRequest
-from gtf_tune.sequence import Sequence
+from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.store import confirmations, studies, trials
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.noise.ladder import with_noise
 from gtf_tune.study.open_study import OpenStudy, folder_of, load_stored_sequence
+from gtf_tune.study.outcome.baselines import baseline_trials
 from gtf_tune.study.outcome.contradiction import CleanRun
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
 from gtf_tune.study.outcome.recommendation import without_feasible_trial
@@ -38,15 +39,28 @@ _FEWEST_RUNS = 4
 class ConfirmationPlan:
     """What is confirmed: which trials, on which sequences by name, with how many noisy runs each, and which seeds.
 
+    ``baselines`` are compared with nominal like the ``candidates``, by their name.
+
     ``round`` counts the confirmations of the study from 1. Each has noise of its own; an interrupted one continues with
     the same.
     """
 
     nominal: Trial
     candidates: tuple[Trial, ...]
-    sequences: Mapping[str, Sequence]
+    sequences: Mapping[str, ImageSequence]
     noisy_runs: int
     round: int
+    baselines: Mapping[str, Trial] = field(default_factory=dict)
+
+    @property
+    def compared(self) -> tuple[tuple[str, Trial], ...]:
+        """Candidates and baselines, with the name of each baseline; empty where there is nothing to compare."""
+        return (*(("", trial) for trial in self.candidates), *self.baselines.items())
+
+    @property
+    def num_runs(self) -> int:
+        """Noisy runs of all configurations on all sequences; clean ones come on top."""
+        return (1 + len(self.compared)) * self.noisy_runs * len(self.sequences) if self.compared else 0
 
     @property
     def purpose(self) -> str:
@@ -55,11 +69,17 @@ class ConfirmationPlan:
 
 
 def plan_confirmation(
-    study: OpenStudy, places: Mapping[str, Path], *, top: int = DEFAULT_TOP, noisy_runs: int = DEFAULT_RUNS
+    study: OpenStudy,
+    places: Mapping[str, Path],
+    *,
+    top: int = DEFAULT_TOP,
+    noisy_runs: int = DEFAULT_RUNS,
+    chosen: Sequence[Trial] | None = None,
 ) -> ConfirmationPlan:
     """Return the plan of a confirmation of the study as it stands.
 
-    Candidates are the complete feasible trials with values below nominal's: the best ``top`` with different options.
+    Candidates are the complete feasible trials with values below nominal's: the best ``top`` with different options, or
+    those that were ``chosen``. The baselines of the definition are compared too.
     ``places`` gives the folders of sequences that lie elsewhere on this machine.
 
     Raises
@@ -81,9 +101,13 @@ def plan_confirmation(
     if not any(trial.feasible for trial in known):
         raise without_feasible_trial(database, study.record)
     earlier = confirmations.of_study(database, study.record.id)
-    return ConfirmationPlan(
-        nominal, _candidates(known, nominal, top), _all_sequences(study, places), noisy_runs, len(earlier) + 1
-    )
+    candidates = best_candidates(known, nominal, top) if chosen is None else tuple(chosen)
+    baselines = {
+        label: trial
+        for label, trial in baseline_trials(study.definition, nominal).items()
+        if all(trial.options != other.options for other in (nominal, *candidates))
+    }
+    return ConfirmationPlan(nominal, candidates, _all_sequences(study, places), noisy_runs, len(earlier) + 1, baselines)
 
 
 def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Verdict:
@@ -97,15 +121,15 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Verd
     study = with_noise(study, plan.sequences, source)
     keys: list[str] = []
     measured = []
-    for trial in (plan.nominal, *plan.candidates) if plan.candidates else ():
+    for label, trial in (("", plan.nominal), *plan.compared) if plan.compared else ():
         finished = source.obtain(_requests(study, plan, trial.options or {}))
-        measured.append(_measured(study, trial, finished))
+        measured.append(replace(_measured(study, trial, finished), baseline=label))
         keys += [run.stored.key for run in finished]
     holdouts = frozenset(plan.sequences) - frozenset(study.sequences)
     findings = Findings(measured[0] if measured else None, tuple(measured[1:]), holdouts)
     verdict = replace(judge(findings, study.definition.gtf), noisy_runs=plan.noisy_runs)
     definition = {
-        "ordinals": [plan.nominal.number, *(trial.number for trial in plan.candidates)],
+        "ordinals": [plan.nominal.number, *(trial.number for _, trial in plan.compared)],
         "sequences": list(plan.sequences),
         "clean_runs": study.definition.gtf.clean_runs,
         "noisy_runs": plan.noisy_runs,
@@ -116,7 +140,8 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Verd
     return verdict
 
 
-def _candidates(known: list[Trial], nominal: Trial, top: int) -> tuple[Trial, ...]:
+def best_candidates(known: Sequence[Trial], nominal: Trial, top: int) -> tuple[Trial, ...]:
+    """Return the best ``top`` of some complete trials that beat nominal, with different options."""
     better = [trial for trial in known if trial.number and trial.feasible and trial.value is not None and trial.options]
     if nominal.feasible and nominal.value is not None:
         better = [trial for trial in better if trial.value is not None and trial.value < nominal.value]
@@ -127,7 +152,7 @@ def _candidates(known: list[Trial], nominal: Trial, top: int) -> tuple[Trial, ..
     return tuple(chosen)
 
 
-def _all_sequences(study: OpenStudy, places: Mapping[str, Path]) -> dict[str, Sequence]:
+def _all_sequences(study: OpenStudy, places: Mapping[str, Path]) -> dict[str, ImageSequence]:
     """Return the searched sequences and those held out, checked to be what the study began with."""
     stored = {record.name: record for record in studies.sequences(study.database, study.record.id)}
     found = dict(study.sequences)

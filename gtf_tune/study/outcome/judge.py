@@ -49,12 +49,16 @@ LEAST_IMPROVEMENT = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """One configuration with its fresh score on each sequence, and its clean runs that worked."""
+    """One configuration with its fresh score on each sequence, and its clean runs that worked.
+
+    ``baseline`` is its name where it is a baseline.
+    """
 
     number: int
     options: Mapping[str, OptionValue]
     scores: Mapping[str, GtfScore]
     clean: Mapping[str, Sequence[CleanRun]] = field(default_factory=dict)
+    baseline: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -202,6 +206,7 @@ def _candidate(compared: _Compared, reasons: Sequence[str], adjusted: float) -> 
         adjusted_p_value=float(adjusted),
         passes=not reasons,
         reasons=tuple(reasons),
+        baseline=compared.candidate.baseline,
         by_sequence={
             name: SequenceComparison(
                 _facts(compared.candidate.scores[name]), _improvement(found), _p_value(found), name in compared.holdouts

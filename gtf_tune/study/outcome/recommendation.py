@@ -4,19 +4,18 @@
 """
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-from gtf_tune.display import count, definition_unit
+from gtf_tune.display import count
 from gtf_tune.errors import StorageError
-from gtf_tune.store import confirmations, trials
+from gtf_tune.store import trials
 from gtf_tune.store.database import Database
-from gtf_tune.store.studies import Study, stored_definition
+from gtf_tune.store.studies import Study
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.outcome.doubt import doubts_of_detail
+from gtf_tune.study.outcome.evidence import Evidence, read_evidence
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement, read_improvements
-from gtf_tune.study.outcome.verdict import ADOPT, KEEP, NO_VERDICT, Verdict, verdict_of
+from gtf_tune.study.outcome.verdict import ADOPT, KEEP, NO_VERDICT, Verdict
 
 Decision = Literal[
     "adopt", "keep nominal", "neither", "unconfirmed", "nothing better", "nothing feasible", "says little"
@@ -29,64 +28,6 @@ NOTHING_FEASIBLE: Final = "nothing feasible"
 SAYS_LITTLE: Final = "says little"
 
 Step = Literal["confirm", "export", "extend", "new study", "other noise", "wait"]
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What is known of a study when a trial is to be chosen.
-
-    Attributes
-    ----------
-    score
-        Name of the score, such as ``GTF ATE``.
-    nominal, best
-        Trial 0, and the feasible complete trial of the smallest score, as far as they exist.
-    adopted
-        The trial that the last confirmation adopted.
-    confirmation
-        The verdict of the last confirmation.
-    num_trials, num_feasible
-        How many trials there are, and how many of them are complete and feasible.
-    search_doubts
-        Why the score says little, by nominal's runs of the search.
-    """
-
-    score: str
-    nominal: Trial | None
-    best: Trial | None
-    adopted: Trial | None = None
-    confirmation: Verdict | None = None
-    num_trials: int = 0
-    num_feasible: int = 0
-    search_doubts: tuple[str, ...] = ()
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Why the score says little: by the fresh runs of the last confirmation where they were looked at."""
-        fresh = self.confirmation.doubts if self.confirmation else None
-        return self.search_doubts if fresh is None else fresh
-
-    @property
-    def has_nominal(self) -> bool:
-        """Whether trial 0 is complete and feasible."""
-        return self.nominal is not None and self.nominal.value is not None and bool(self.nominal.feasible)
-
-    @property
-    def repeats_nominal(self) -> bool:
-        """Whether no trial beats nominal; one with nominal's options, under noise of its own, does not."""
-        return (
-            self.has_nominal
-            and self.nominal is not None
-            and self.best is not None
-            and (self.best.number == 0 or self.best.options == self.nominal.options)
-        )
-
-    @property
-    def newer(self) -> Trial | None:
-        """The best trial of the search where it beats nominal and the last confirmation did not measure it."""
-        if self.confirmation is None or self.best is None or self.repeats_nominal:
-            return None
-        return None if self.confirmation.compared(self.best.options) else self.best
 
 
 @dataclass(frozen=True)
@@ -129,15 +70,16 @@ class Recommendation:
 
         Where a confirmation keeps nominal that is the trial which it turned down.
         """
-        shown = self.trial if self.trial is not None and self.trial.number else self.evidence.best
+        shown = self.trial if self.trial is not None and self.trial.number > 0 else self.evidence.best
         return None if shown is None or shown.number == 0 or self.decision == NOTHING_BETTER else shown
 
     @property
     def headline(self) -> str:
         """What to do, in a few words."""
         number = self.trial.number if self.trial else None
+        adopted = self.evidence.confirmation.adopted_candidate if self.evidence.confirmation else None
         return {
-            ADOPT: f"Adopt the options of trial {number}",
+            ADOPT: f"Adopt the options of {adopted.label if adopted else f'trial {number}'}",
             KEEP: "Keep the nominal options",
             NEITHER: "Neither the nominal options nor others are recommended",
             UNCONFIRMED: f"Trial {number} is the best so far; not confirmed yet",
@@ -202,7 +144,8 @@ class Recommendation:
         verdict = self.evidence.confirmation
         passed = sum(candidate.passes for candidate in verdict.candidates) if verdict else 0
         surest = (f"Of {passed} candidates that passed, its improvement is the surest.",) if passed > 1 else ()
-        return (f"{self.evidence.score} {self.improvement.text} against nominal, on fresh noise.", *surest)
+        others = self._about_baselines(verdict) if verdict else ()
+        return (f"{self.evidence.score} {self.improvement.text} against nominal, on fresh noise.", *surest, *others)
 
     def _why_doubted(self) -> tuple[str, ...]:
         return self.evidence.doubts
@@ -216,7 +159,7 @@ class Recommendation:
                 f"No trial had a smaller {self.evidence.score} than nominal in the search, so there was nothing to "
                 "confirm.",
             )
-        return (_none_passed(verdict), *self._about_leading(verdict))
+        return (_none_passed(verdict), *self._about_leading(verdict), *self._about_baselines(verdict))
 
     def _why_neither(self) -> tuple[str, ...]:
         verdict = self.evidence.confirmation
@@ -237,7 +180,16 @@ class Recommendation:
         change = f"{self.evidence.score} {leading.improvement.text}; " if leading.improvement.is_known else ""
         others = len(leading.reasons) - 1
         more = f" (and {count(others, 'more reason')})" if others > 0 else ""
-        return (f"Trial {leading.number}: {change}{next(iter(leading.reasons), 'not adopted')}{more}.",)
+        return (f"{capitalised(leading.label)}: {change}{next(iter(leading.reasons), 'not adopted')}{more}.",)
+
+    def _about_baselines(self, verdict: Verdict) -> tuple[str, ...]:
+        """Return what the confirmation found about the baselines that no other sentence is about."""
+        others = [found for found in verdict.candidates if found.baseline and found != verdict.leading]
+        return tuple(
+            f"{capitalised(found.label)}: {self.evidence.score} {found.improvement.text} against nominal; "
+            f"{'passes too' if found.passes else next(iter(found.reasons))}."
+            for found in others
+        )
 
     def _why_unconfirmed(self) -> tuple[str, ...]:
         score = self.evidence.score
@@ -295,27 +247,11 @@ def recommend(database: Database, study: Study) -> Recommendation:
     DefinitionError
         The stored definition cannot be read.
     """
-    evidence = _read_evidence(database, study)
+    evidence = read_evidence(database, study)
     chosen = [] if evidence.best is None else [evidence.best]
     improvements = read_improvements(database, study.id, chosen)
     found = next(iter(improvements.values()), UNKNOWN_IMPROVEMENT)
     return decide(evidence, found)
-
-
-def evidence_of(score: str, known: Sequence[Trial], verdict: Verdict | None, doubts: tuple[str, ...] = ()) -> Evidence:
-    """Return the evidence from all trials of a study, the verdict of its last confirmation, and doubts of the score."""
-    feasible = [trial for trial in known if trial.state == "complete" and trial.feasible and trial.value is not None]
-    by_number = {trial.number: trial for trial in known}
-    return Evidence(
-        score=score,
-        nominal=by_number.get(0),
-        best=min(feasible, key=lambda trial: (trial.value, trial.number), default=None),
-        adopted=by_number.get(verdict.adopted) if verdict and verdict.adopted is not None else None,
-        confirmation=verdict,
-        num_trials=len(known),
-        num_feasible=len(feasible),
-        search_doubts=doubts,
-    )
 
 
 def require_trial(database: Database, study: Study, found: Recommendation) -> Trial:
@@ -345,24 +281,9 @@ def without_feasible_trial(database: Database, study: Study) -> StorageError:
     )
 
 
-def _read_evidence(database: Database, study: Study) -> Evidence:
-    """Read the evidence with a few small queries, whatever the number of trials."""
-    known = confirmations.of_study(database, study.id)
-    verdict = verdict_of(known[-1]) if known else None
-    efforts = trials.efforts(database, study.id)
-    adopted = trials.get(database, study.id, verdict.adopted) if verdict and verdict.adopted is not None else None
-    definition, nominal = stored_definition(study), trials.nominal(database, study.id)
-    detail = trials.details(database, [nominal.id])[nominal.id] if nominal and nominal.state == "complete" else {}
-    return Evidence(
-        score=definition_unit(definition).name,
-        nominal=nominal,
-        best=trials.best(database, study.id),
-        adopted=adopted,
-        confirmation=verdict,
-        num_trials=sum(effort.count for effort in efforts),
-        num_feasible=sum(effort.count for effort in efforts if effort.state == "complete" and effort.feasible),
-        search_doubts=doubts_of_detail(detail, definition.gtf),
-    )
+def capitalised(text: str) -> str:
+    """Return a text with its first letter in upper case, the others as they are."""
+    return text[:1].upper() + text[1:]
 
 
 def _none_passed(verdict: Verdict) -> str:

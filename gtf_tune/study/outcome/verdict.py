@@ -78,6 +78,8 @@ class Candidate:
         Whether it may be adopted: ``reasons`` lists what speaks against it.
     by_sequence
         The same on every sequence, held out or not.
+    baseline
+        Its name where it is no trial of the search but a baseline, whose number is negative.
     """
 
     number: int
@@ -89,6 +91,12 @@ class Candidate:
     passes: bool
     reasons: tuple[str, ...]
     by_sequence: Mapping[str, SequenceComparison]
+    baseline: str = ""
+
+    @property
+    def label(self) -> str:
+        """What to call it: the name of a baseline, or ``trial 3``."""
+        return self.baseline or f"trial {self.number}"
 
     def as_json(self) -> dict[str, Any]:
         """Return the stored form."""
@@ -101,6 +109,7 @@ class Candidate:
             "reasons": list(self.reasons),
             "by_sequence": {name: found.as_json() for name, found in self.by_sequence.items()},
             "value": known(self.value),
+            **({"baseline": self.baseline} if self.baseline else {}),
         }
 
     @classmethod
@@ -119,6 +128,7 @@ class Candidate:
             by_sequence={
                 name: SequenceComparison.from_json(found) for name, found in (stored.get("by_sequence") or {}).items()
             },
+            baseline=stored.get("baseline") or "",
         )
 
 
@@ -153,7 +163,8 @@ class Verdict:
     adopted
         Ordinal of the adopted trial; None for the other two.
     candidates
-        The trials that were compared with nominal, best score of the search first; empty where none was better.
+        The trials that were compared with nominal, best score of the search first, then the baselines; empty where
+        there was none.
     nominal
         What nominal was measured at; None where there was no candidate to compare with.
     noisy_runs

@@ -225,3 +225,25 @@ def _suggest(trial: Trial, axis: SearchAxis) -> OptionValue:
         if isinstance(chosen, bool | int | float | str):
             return chosen
     raise DefinitionError(f"axis '{axis.name}' has a kind of values that cannot be searched")
+
+
+def option_faults(
+    space: SearchSpace, definition: StudyDefinition, table: OptionTable, options: Mapping[str, OptionValue]
+) -> list[str]:
+    """Return a sentence for every option that a trial of a study cannot have."""
+    axes = {axis.name: axis for axis in space.axes}
+    faults: list[str] = []
+    for name, value in options.items():
+        if name in axes:
+            faults += _axis_faults(axes[name], value)
+            continue
+        always = definition.fixed_options.get(name, table.specs[name].default)
+        if value != always:
+            faults.append(f"option '{name}' is not searched but {always!r} in every trial, not {value!r}; leave it out")
+    return faults
+
+
+def _axis_faults(axis: SearchAxis, value: OptionValue) -> list[str]:
+    if axis.takes(value):
+        return []
+    return [f"option '{axis.name}' is searched over {axis.words}, not {value!r}; widen that, or choose another value"]

@@ -29,11 +29,13 @@ _IN_TIME = 0.9
 class RunPrice:
     """What one run costs, in seconds of one core.
 
-    ``whole_s`` is a run from the pixels on; ``repeated_s`` one whose cached stages are at hand.
+    ``whole_s`` is a run from the pixels on; ``repeated_s`` one whose cached stages are at hand, and ``verified_s`` one
+    that has features and matches only.
     """
 
     whole_s: float
     repeated_s: float
+    verified_s: float = 0.0
 
     def scaled(self, reduction: "Reduction") -> "RunPrice":
         """Return the estimated price on fewer and smaller images.
@@ -46,6 +48,8 @@ class RunPrice:
         return RunPrice(
             cached * reduction.frames**1.5 * area + self.repeated_s * reduction.frames * area,
             self.repeated_s * reduction.frames * area,
+            (self.verified_s - self.repeated_s) * reduction.frames**1.5 * area
+            + self.repeated_s * reduction.frames * area,
         )
 
 
@@ -84,11 +88,15 @@ class Plan:
 
 @dataclass(frozen=True)
 class Budget:
-    """What is available: wall time in seconds and runs at a time; ``first`` configurations are always tried."""
+    """What is available: wall time in seconds and runs at a time.
+
+    ``first`` configurations are always tried, and ``baselines`` are confirmed beside the best ones.
+    """
 
     seconds: float
     jobs: int
     first: int
+    baselines: int = 0
 
     def plan(self, full: RunPrice, reduced: RunPrice | None = None, reduction: Reduction | None = None) -> Plan:
         """Return the plan for these prices.
@@ -137,7 +145,8 @@ class Budget:
 
     def _confirmation(self, price: RunPrice, runs: int) -> float:
         copies = CLEAN_RUNS + runs
-        return self._parallel(copies * (price.whole_s + CONFIRMED * price.repeated_s)) if runs else 0.0
+        each = price.whole_s + CONFIRMED * price.repeated_s + self.baselines * price.verified_s
+        return self._parallel(copies * each) if runs else 0.0
 
     def _write(self, full: RunPrice) -> float:
         """Return the wall time of two whole reconstructions, nominal and adopted."""

@@ -12,14 +12,13 @@ from typing import Any
 from gtf_tune.definition import SequenceDefinition, StudyDefinition
 from gtf_tune.definition.model import name_from
 from gtf_tune.errors import RunError
-from gtf_tune.pipelines import OptionValue, Pipeline
-from gtf_tune.pipelines.preset_spaces import DEFAULT_TIER, preset_pipelines, preset_space
+from gtf_tune.pipelines import Pipeline
+from gtf_tune.pipelines.preset_spaces import DEFAULT_TIER, preset_pipelines, preset_search, preset_space
 from gtf_tune.sequence import Sequence, say_notes
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
 from gtf_tune.study.create import checked_definition, create_study
-from gtf_tune.study.enqueue import enqueue
 from gtf_tune.study.open_study import OpenStudy, load_defined_sequence, make_pipeline
 from gtf_tune.study.outcome.recommendation import Recommendation
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource
@@ -98,8 +97,8 @@ def begin_tuning(
     """
     root = request.source.absolute().parent
     definition = _definition(request, _free_name(database, request))
-    pipeline, first = make_pipeline(definition), _first_configurations(request, definition)
-    budget = Budget(60 * request.minutes, request.jobs, len(first))
+    pipeline, first = make_pipeline(definition), definition.search.first
+    budget = Budget(60 * request.minutes, request.jobs, len(first), len(definition.search.baselines))
     given = definition.sequences[0].model_dump(mode="json")
     whole = load_defined_sequence(definition.sequences[0], root, pipeline)
     say_notes(whole, announce)
@@ -118,8 +117,6 @@ def begin_tuning(
     searched = definition.search.model_copy(update={"trials": plan.trials - len(first)})
     resolved = {TUNE_KEY: {**request.identity, "minutes": request.minutes, "plan": asdict(plan), "whole": given}}
     study = create_study(database, definition.model_copy(update={"search": searched}), root, resolved=resolved)
-    for options in first:
-        enqueue(database, study.name, options)
     return Tuning(studies.get(database, study.name), plan)
 
 
@@ -143,10 +140,13 @@ def configurations_of(study: OpenStudy, found: Recommendation, whole: Sequence) 
     fixed, nominal = study.definition.fixed_options, study.space.nominal
     searched = next(iter(study.sequences.values()))
     trial = found.trial.options if found.trial else None
-    changed = {name: value for name, value in (trial or nominal).items() if value != nominal[name]}
-    factor = max(whole.width, whole.height) / max(searched.width, searched.height)
-    adopted = {**nominal, **scaled_to(changed, _in_pixels(study.definition.pipeline.name), factor)}
     defaults = {name: spec.default for name, spec in study.pipeline.options.specs.items()}
+    usual = {**defaults, **fixed, **nominal}
+    changed = {name: value for name, value in (trial or nominal).items() if value != usual[name]}
+    factor = max(whole.width, whole.height) / max(searched.width, searched.height)
+    is_baseline = found.trial is not None and found.trial.number < 0
+    pixels = frozenset() if is_baseline else _in_pixels(study.definition.pipeline.name)  # people use it at full size
+    adopted = {**nominal, **scaled_to(changed, pixels, factor)}
     both = ({**fixed, **adopted}, {**fixed, **nominal})
     return Configurations(
         *({name: options[name] for name in options if options[name] != defaults[name]} for options in both)
@@ -162,6 +162,7 @@ def _definition(
     request: TuneRequest, name: str, selection: Mapping[str, Any] = MappingProxyType({})
 ) -> StudyDefinition:
     given = request.sections
+    space = {**_preset_axes(request), **given.get("space", {})}
     sequences = given.get("sequences") or [{"name": name_from(request.source.stem), "path": request.source.name}]
     runs = {"clean_runs": CLEAN_RUNS, "noisy_runs": NOISY_RUNS, "noise_sigma": NOISE_SIGMA}
     return checked_definition(
@@ -170,7 +171,8 @@ def _definition(
             "name": name,
             "pipeline": {"name": request.pipeline, **given.get("pipeline", {})},
             "sequences": [{**sequence, **selection} for sequence in sequences],
-            "space": {**_preset_axes(request), **given.get("space", {})},
+            "space": space,
+            "search": {**preset_search(request.pipeline, space, given.get("pipeline", {})), **given.get("search", {})},
             "gtf": {**runs, **given.get("gtf", {})},
         },
         str(request.source),
@@ -182,13 +184,6 @@ def _preset_axes(request: TuneRequest) -> Mapping[str, Any]:
     if request.pipeline not in preset_pipelines() and request.sections.get("space"):
         return {}
     return preset_space(request.pipeline).axes(request.tier)
-
-
-def _first_configurations(request: TuneRequest, definition: StudyDefinition) -> list[Mapping[str, OptionValue]]:
-    """Return what is tried first: the preset's portfolio, as far as its options are searched."""
-    if request.pipeline not in preset_pipelines():
-        return []
-    return [options for options in preset_space(request.pipeline).first if set(options) <= set(definition.space)]
 
 
 def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reduction) -> dict[str, Any]:
@@ -216,7 +211,8 @@ def _price(definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, 
         raise RunError(f"the nominal options do not work on '{sequence.name}': {stored.error}")
     seconds = {name: float(value) for name, value in stored.diagnostics.items() if name.endswith("_s")}
     whole = max(stored.wall_s, sum(seconds.values()))
-    return RunPrice(whole, seconds.get("mapping_s", whole))
+    matched = sum(seconds.get(f"{stage}_s", 0.0) for stage in ("images", "features", "matches"))
+    return RunPrice(whole, seconds.get("mapping_s", whole), whole - matched)
 
 
 def _plan_from(stored: Mapping[str, Any]) -> Plan:

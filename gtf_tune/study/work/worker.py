@@ -12,13 +12,13 @@ from gtf_tune.store import enqueued, studies, trial_queue, trials
 from gtf_tune.store.enqueued import enqueued_numbers
 from gtf_tune.store.optuna import trials as optuna_trials
 from gtf_tune.store.trial_queue import TrialLease, Worker, this_worker
-from gtf_tune.study.enqueue import option_faults
 from gtf_tune.study.events import Callback, Event
 from gtf_tune.study.open_study import OpenStudy, trial_budget
 from gtf_tune.study.runs.run_source import Interrupted
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.scoring.early_stopping import sizing_of
 from gtf_tune.study.search.samplers import make_sampler
+from gtf_tune.study.search.space import option_faults
 from gtf_tune.study.work.heartbeat import GRACE_S, INTERVAL_S, Heartbeat
 from gtf_tune.study.work.trial_runner import TrialRunner
 
