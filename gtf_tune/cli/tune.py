@@ -10,13 +10,14 @@ import typer
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Settings, Storage, default_jobs, make_executor
 from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
 from gtf_tune.cli.study.create import Pipeline, Range, parse_range
-from gtf_tune.cli.study.run import work_on
 from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, duration, say, write_line
 from gtf_tune.cli.values import parse_pairs, split_pairs
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from gtf_tune.store.database import Database
-    from gtf_tune.study.events import Event
+    from gtf_tune.study.events import Callback, Event
     from gtf_tune.study.open_study import OpenStudy
     from gtf_tune.study.outcome.recommendation import Recommendation
     from gtf_tune.study.tune.budget import Plan
@@ -54,7 +55,6 @@ def tune(
     Example: gtf-tune tune photos/ --minutes 30
     """
     from gtf_tune.study.open_study import open_study
-    from gtf_tune.study.outcome.recommendation import recommend
     from gtf_tune.study.tune.handover import check_output
 
     began = time.monotonic()
@@ -66,10 +66,7 @@ def tune(
     tuning = _begin(database, request, cache_dir, new=new)
     _say_plan(tuning.plan)
     study = open_study(database, tuning.name)
-    say(f"search: {study.budget} trials, about {duration(tuning.plan.search_s)}")
-    work_on(study, make_executor(request.jobs, cache_dir), 1, also=[partial(_say_first_verdict, study)])
-    _confirm(study, tuning, request.jobs, cache_dir)
-    found = recommend(database, study.record)
+    found = _tune_through(study, tuning, request, cache_dir, 60 * minutes - (time.monotonic() - began))
     say(f"write: about {duration(tuning.plan.write_s)}")
     _hand_over(study, found, folder)
     _report(database, tuning.name, folder)
@@ -77,6 +74,34 @@ def tune(
     write_line(found.text)
     write_line(f"{folder}: models, scripts that make them, trajectory, report")
     say(f"it took {duration(time.monotonic() - began)}; see: gtf-tune study show {tuning.name}{storage_flag(database)}")
+
+
+def _tune_through(
+    study: "OpenStudy", tuning: "Tuning", request: "TuneRequest", cache_dir: Path | None, left_s: float
+) -> "Recommendation":
+    """Search, shorten and confirm within the seconds that are left, with one progress display; exit if stopped."""
+    from gtf_tune.cli.terminal.tune_progress import TuneProgress
+    from gtf_tune.display import definition_unit
+    from gtf_tune.report.dashboard.sync import DashboardSync
+    from gtf_tune.study.runs.run_source import Interrupted
+    from gtf_tune.study.runs.stop import StopRequest, signals_to
+    from gtf_tune.study.tune.phases import Means, minutes_of, tune_through
+
+    minutes = minutes_of(study, tuning.plan, request.jobs, left_s)
+    say(f"search: {study.budget} trials, about {duration(tuning.plan.search_s)}")
+    stop, shown = StopRequest(), DashboardSync(study.database, study.definition.name, warn=say)
+    progress = TuneProgress(minutes.pace, definition_unit(study.definition))
+    callbacks: list[Callback] = [progress.on_event, shown.on_event, partial(_say_first_verdict, study, progress.say)]
+    with signals_to(stop, progress.say), make_executor(request.jobs, cache_dir) as executor, progress:
+        try:
+            found = tune_through(study, Means(executor, stop, callbacks, progress.say, minutes))
+        except Interrupted:
+            found = None
+    if found is None or stop.level:
+        say("stopped; the same command goes on")
+        raise typer.Exit(INTERRUPTED_EXIT_CODE)
+    shown.bring_up_to_date()
+    return found
 
 
 def _sections(
@@ -134,41 +159,14 @@ def _say_plan(plan: "Plan") -> None:
     say(f"plan: {plan.trials} trials, {confirmation}, two reconstructions; about {duration(plan.seconds)} in all")
 
 
-def _say_first_verdict(study: "OpenStudy", event: "Event") -> None:
+def _say_first_verdict(study: "OpenStudy", announce: "Callable[[str], None]", event: "Event") -> None:
     """Say what the first configurations found, as soon as all of them are tried."""
-    from gtf_tune.pipelines.preset_spaces import preset_pipelines, preset_space
     from gtf_tune.study.events import TrialFinished
     from gtf_tune.study.outcome.recommendation import recommend
 
-    pipeline = study.definition.pipeline.name
-    first = len(preset_space(pipeline).first) if pipeline in preset_pipelines() else 0
+    first = len(study.definition.search.first)
     if first and isinstance(event, TrialFinished) and event.number == first:
-        say(f"first verdict: {recommend(study.database, study.record).text}")
-
-
-def _confirm(study: "OpenStudy", tuning: "Tuning", jobs: int, cache_dir: Path | None) -> None:
-    """Confirm the best trials, unless that is done or there is no time for it."""
-    from gtf_tune.store import confirmations
-    from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
-    from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
-    from gtf_tune.study.runs.stop import StopRequest, signals_to
-    from gtf_tune.study.tune.budget import CONFIRMED
-
-    plan = tuning.plan
-    if not plan.confirmation_runs:
-        say("there was no time to confirm the outcome; give more --minutes for that")
-        return
-    if confirmations.of_study(study.database, study.record.id):
-        return
-    say(f"confirm: nominal and the best {CONFIRMED} on fresh noise, about {duration(plan.confirm_s)}")
-    stop = StopRequest()
-    with signals_to(stop, say), make_executor(jobs, cache_dir) as executor:
-        source = RunSource(study.database, executor, run_limits(study.definition.limits), stop)
-        try:
-            confirm(study, plan_confirmation(study, {}, top=CONFIRMED, noisy_runs=plan.confirmation_runs), source)
-        except Interrupted:
-            say("stopped; the same command continues with the confirmation")
-            raise typer.Exit(INTERRUPTED_EXIT_CODE) from None
+        announce(f"first verdict: {recommend(study.database, study.record).text}")
 
 
 def _hand_over(study: "OpenStudy", found: "Recommendation", folder: Path) -> None:

@@ -17,8 +17,11 @@ path = "room"
 
 [space]
 "filter.max_error" = { low = 1e-3, high = 1e-1, log = true }
+
+[search]
+trials = 5
 """
-TUNE = ("tune", "slam.toml", "--minutes", "0.2", "--jobs", "1")
+TUNE = ("tune", "slam.toml", "--minutes", "2", "--jobs", "1")
 
 
 @pytest.fixture

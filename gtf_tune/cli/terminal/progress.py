@@ -109,7 +109,7 @@ class StudyProgress:
         note = f"lowest {self._unit.told(self._lowest)}, {duration(left)} left"
         self._progress.update(self._trials, completed=self._finished, note=note)
         if self._progress.disable:
-            say(f"{self._line(event)}; {self._finished}/{self._budget}, {note}")
+            say(f"{trial_line(event, self._unit)}; {self._finished}/{self._budget}, {note}")
 
     def _remember(self, event: TrialFinished) -> None:
         result = event.result
@@ -118,15 +118,17 @@ class StudyProgress:
         if self._lowest is None or result.value < self._lowest:
             self._lowest = result.value
 
-    def _line(self, event: TrialFinished) -> str:
-        from gtf_tune.pipelines.options import option_text
 
-        result = event.result
-        name = "nominal" if event.number == 0 else f"trial {event.number}"
-        options = ", ".join(f"{option}={option_text(value, digits=4)}" for option, value in event.options.items())
-        if result.value is None or not result.feasible:
-            return f"{name} ({options}): infeasible, {result.message}"
-        if result.state == "pruned":
-            return f"{name} ({options}): stopped early, {result.message}"
-        change = f", {event.improvement.text}" if event.improvement.is_known else ""
-        return f"{name} ({options}): {self._unit.told(result.value)}{change}"
+def trial_line(event: TrialFinished, unit: "ScoreUnit") -> str:
+    """Return what a trial found in one line, its score in ``unit``."""
+    from gtf_tune.pipelines.options import option_text
+
+    result = event.result
+    name = "nominal" if event.number == 0 else f"trial {event.number}"
+    options = ", ".join(f"{option}={option_text(value, digits=4)}" for option, value in event.options.items())
+    if result.value is None or not result.feasible:
+        return f"{name} ({options}): infeasible, {result.message}"
+    if result.state == "pruned":
+        return f"{name} ({options}): stopped early, {result.message}"
+    change = f", {event.improvement.text}" if event.improvement.is_known else ""
+    return f"{name} ({options}): {unit.told(result.value)}{change}"

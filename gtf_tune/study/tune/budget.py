@@ -18,6 +18,9 @@ FEWEST_CONFIRMATION_RUNS = 4
 MOST_CONFIRMATION_RUNS = 16
 MOST_TRIALS = 60
 
+ABLATIONS = 2
+"""Trials that are kept for putting options of the best one back to nominal."""
+
 _SEARCH_SHARE = 0.6
 """Share of what is left after the first trials that goes to the search; the rest goes to the confirmation."""
 
@@ -70,7 +73,8 @@ class Plan:
     """What the minutes buy.
 
     ``trials`` counts nominal. ``confirmation_runs`` are noisy runs of each configuration; 0 where there is no time for
-    a confirmation. ``search_s``, ``confirm_s`` and ``write_s`` are the estimated wall times of the phases.
+    a confirmation. ``search_s``, ``confirm_s`` and ``write_s`` are the estimated wall times of the phases,
+    ``price`` and ``full`` what a run costs in the search and on all images at full size.
     """
 
     trials: int
@@ -79,6 +83,8 @@ class Plan:
     search_s: float
     confirm_s: float
     write_s: float
+    price: RunPrice = RunPrice(0.0, 0.0)
+    full: RunPrice = RunPrice(0.0, 0.0)
 
     @property
     def seconds(self) -> float:
@@ -90,13 +96,15 @@ class Plan:
 class Budget:
     """What is available: wall time in seconds and runs at a time.
 
-    ``first`` configurations are always tried, and ``baselines`` are confirmed beside the best ones.
+    ``first`` configurations are always tried, and ``baselines`` are confirmed beside the best ones. ``most_trials``
+    counts nominal.
     """
 
     seconds: float
     jobs: int
     first: int
     baselines: int = 0
+    most_trials: int = MOST_TRIALS
 
     def plan(self, full: RunPrice, reduced: RunPrice | None = None, reduction: Reduction | None = None) -> Plan:
         """Return the plan for these prices.
@@ -110,30 +118,39 @@ class Budget:
         return next((plan for plan in plans if self._fits(plan)), plans[-1])
 
     def _plan(self, full: RunPrice, price: RunPrice, reduction: Reduction) -> Plan:
-        write = self._write(full)
+        write = self.write_s(full)
         first = self._first_trials(price)
         left = _IN_TIME * self.seconds - write - first
         runs = self._confirmation_runs(price, left)
-        confirm = self._confirmation(price, runs)
+        confirm = self.confirmation_s(price, runs)
         more = self._more_trials(price, left - confirm)
-        search = first + self._parallel(more * self._trial(price))
-        return Plan(1 + self.first + more, runs, reduction, search, confirm, write)
+        search = first + self._parallel((more + ABLATIONS) * self._trial(price))
+        return Plan(1 + self.first + more, runs, reduction, search, confirm, write, price, full)
+
+    def affordable_confirmation(self, price: RunPrice, left_s: float) -> int:
+        """Return how many noisy runs a confirmation may have that ends within some seconds; 0 where it cannot be."""
+        counts = range(MOST_CONFIRMATION_RUNS, FEWEST_CONFIRMATION_RUNS - 1, -1)
+        return next((runs for runs in counts if self.confirmation_s(price, runs) <= left_s), 0)
 
     def _confirmation_runs(self, price: RunPrice, left: float) -> int:
         """Return the noisy runs of a confirmation: what its share of the time buys, at least the fewest if they fit."""
         for runs in range(MOST_CONFIRMATION_RUNS, FEWEST_CONFIRMATION_RUNS - 1, -1):
             share = left if runs == FEWEST_CONFIRMATION_RUNS else (1 - _SEARCH_SHARE) * left
-            if self._confirmation(price, runs) <= share:
+            if self.confirmation_s(price, runs) <= share:
                 return runs
         return 0
 
     def _more_trials(self, price: RunPrice, left: float) -> int:
         trial = self._parallel(self._trial(price))
-        affordable = math.floor(max(left, 0.0) / trial) if trial > 0 else MOST_TRIALS
-        return min(affordable, MOST_TRIALS - 1 - self.first)
+        affordable = math.floor(max(left, 0.0) / trial) - ABLATIONS if trial > 0 else self.most_trials
+        return min(max(affordable, 0), max(self.most_trials - 1 - self.first, 0))
 
     def _fits(self, plan: Plan) -> bool:
         return plan.confirmation_runs > 0 and plan.seconds <= _IN_TIME * self.seconds
+
+    def trial_s(self, price: RunPrice) -> float:
+        """Return the estimated wall time of one more trial."""
+        return self._parallel(self._trial(price))
 
     def _trial(self, price: RunPrice) -> float:
         return (CLEAN_RUNS + NOISY_RUNS) * price.repeated_s
@@ -143,14 +160,15 @@ class Budget:
         copies = CLEAN_RUNS + NOISY_RUNS
         return self._parallel(copies * price.whole_s + self.first * self._trial(price))
 
-    def _confirmation(self, price: RunPrice, runs: int) -> float:
+    def confirmation_s(self, price: RunPrice, runs: int) -> float:
+        """Return the estimated wall time of a confirmation with so many noisy runs of each configuration."""
         copies = CLEAN_RUNS + runs
         each = price.whole_s + CONFIRMED * price.repeated_s + self.baselines * price.verified_s
         return self._parallel(copies * each) if runs else 0.0
 
-    def _write(self, full: RunPrice) -> float:
-        """Return the wall time of two whole reconstructions, nominal and adopted."""
-        return 2 * full.whole_s / min(self.jobs, 2)
+    def write_s(self, full: RunPrice) -> float:
+        """Return the estimated wall time of the reconstructions: nominal, and adopted from the same matches."""
+        return full.whole_s + (full.verified_s or full.whole_s)
 
     def _parallel(self, seconds: float) -> float:
         return seconds / self.jobs

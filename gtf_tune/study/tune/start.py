@@ -3,8 +3,9 @@
 import hashlib
 import itertools
 import json
+import time
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -14,6 +15,7 @@ from gtf_tune.definition.model import name_from
 from gtf_tune.errors import RunError
 from gtf_tune.pipelines import Pipeline
 from gtf_tune.pipelines.preset_spaces import DEFAULT_TIER, preset_pipelines, preset_search, preset_space
+from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Sequence, say_notes
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
@@ -23,7 +25,7 @@ from gtf_tune.study.open_study import OpenStudy, load_defined_sequence, make_pip
 from gtf_tune.study.outcome.recommendation import Recommendation
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource
 from gtf_tune.study.runs.run_source import RunSource
-from gtf_tune.study.tune.budget import CLEAN_RUNS, NOISY_RUNS, Budget, Plan, Reduction, RunPrice
+from gtf_tune.study.tune.budget import CLEAN_RUNS, MOST_TRIALS, NOISY_RUNS, Budget, Plan, Reduction, RunPrice
 from gtf_tune.study.tune.handover import Configurations, scaled_to
 
 TUNE_KEY = "tune"
@@ -98,12 +100,14 @@ def begin_tuning(
     root = request.source.absolute().parent
     definition = _definition(request, _free_name(database, request))
     pipeline, first = make_pipeline(definition), definition.search.first
-    budget = Budget(60 * request.minutes, request.jobs, len(first), len(definition.search.baselines))
+    most = definition.search.trials or MOST_TRIALS
+    budget = Budget(60 * request.minutes, request.jobs, len(first), len(definition.search.baselines), most)
     given = definition.sequences[0].model_dump(mode="json")
     whole = load_defined_sequence(definition.sequences[0], root, pipeline)
     say_notes(whole, announce)
     full = _price(definition, pipeline, whole, source)
     announce(f"a run with the nominal options takes {full.whole_s:.0f} s, its last stage {full.repeated_s:.0f} s")
+    budget = replace(budget, seconds=budget.seconds - full.whole_s)
     plan = budget.plan(full)
     if plan.reduction != Reduction():
         selection = _selection(whole, definition.sequences[0], plan.reduction)
@@ -199,24 +203,44 @@ def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reducti
 def _price(definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, source: RunSource) -> RunPrice:
     """Return what a run costs, from the first run of the nominal trial, which is stored for it.
 
+    Where that run found stages at hand it says too little, and the first noisy run is timed as well.
+
     Raises
     ------
     RunError
         The run failed.
     """
     planner = RunPlanner(pipeline, definition.gtf, SeedSource(definition.search.seed), definition.fixed_options)
-    request = planner.request(sequence, {}, ("clean", 0), sigma=0.0, number=0)
-    stored = source.obtain([request])[0].stored
-    if stored.error:
-        raise RunError(f"the nominal options do not work on '{sequence.name}': {stored.error}")
-    seconds = {name: float(value) for name, value in stored.diagnostics.items() if name.endswith("_s")}
-    whole = max(stored.wall_s, sum(seconds.values()))
-    matched = sum(seconds.get(f"{stage}_s", 0.0) for stage in ("images", "features", "matches"))
-    return RunPrice(whole, seconds.get("mapping_s", whole), whole - matched)
+    clean, noisy = (
+        planner.request(sequence, {}, (kind, 0), sigma=_sigma(definition), number=0) for kind in ("clean", "noisy")
+    )
+    found = _timed(clean, source)
+    if any(found.get(name) for name in found if name.endswith("_cached")):
+        other = _timed(noisy, source)
+        found = {name: max(found.get(name, 0.0), seconds) for name, seconds in other.items()}
+    stages = {name: seconds for name, seconds in found.items() if name.endswith("_s")}
+    whole = max(found["wall"], sum(stages.values()))
+    matched = sum(stages.get(f"{stage}_s", 0.0) for stage in ("images", "features", "matches"))
+    return RunPrice(whole, stages.get("mapping_s", whole), whole - matched)
+
+
+def _sigma(definition: StudyDefinition) -> float:
+    return NOISE_SIGMA if isinstance(definition.gtf.noise_sigma, str) else definition.gtf.noise_sigma
+
+
+def _timed(request: RunRequest, source: RunSource) -> dict[str, float]:
+    """Return the times of a run: the ``wall`` time with what surrounds it, and what its pipeline says of its stages."""
+    began = time.monotonic()
+    run = source.obtain([request])[0]
+    if run.stored.error:
+        raise RunError(f"the nominal options do not work on '{request.sequence.name}': {run.stored.error}")
+    said = {name: float(value) for name, value in run.stored.diagnostics.items() if name.endswith(("_s", "_cached"))}
+    return {**said, "wall": run.stored.wall_s if run.reused else time.monotonic() - began}
 
 
 def _plan_from(stored: Mapping[str, Any]) -> Plan:
-    return Plan(**{**stored, "reduction": Reduction(**stored["reduction"])})
+    prices = {name: RunPrice(**stored[name]) for name in ("price", "full") if name in stored}
+    return Plan(**{**stored, **prices, "reduction": Reduction(**stored["reduction"])})
 
 
 def _free_name(database: Database, request: TuneRequest) -> str:
