@@ -37,7 +37,7 @@ optuna.logging.set_verbosity(optuna.logging.WARNING)
 
 @dataclass(frozen=True)
 class Step:
-    """Hold how a search stood after one trial: runs spent so far, and the true error of its pick."""
+    """How a search stood after one trial: runs spent so far, and the true error of its pick."""
 
     runs: int
     true_error: float

@@ -36,7 +36,7 @@ STUDIES: Mapping[str, tuple[str, tuple[float, ...]]] = {
 
 @dataclass(frozen=True)
 class Pair:
-    """Hold one run, done without the cache and with it; ``first`` where it was the first one of its image copy."""
+    """One run, done without the cache and with it; ``first`` where it was the first one of its image copy."""
 
     naive: RunOutcome
     cached: RunOutcome
@@ -47,7 +47,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Hold all runs of one study."""
+    """All runs of one study."""
 
     pairs: Sequence[Pair]
     same_bits: bool

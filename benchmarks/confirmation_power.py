@@ -38,7 +38,7 @@ Record = dict[str, float | int | str]
 
 @dataclass(frozen=True)
 class World:
-    """Hold how much of the instances' spread is common to settings, and the share of collapsed noisy runs."""
+    """How much of the instances' spread is common to settings, and the share of collapsed noisy runs."""
 
     name: str
     common: float
@@ -90,9 +90,9 @@ def main() -> None:
     columns = [f"N={count}" for count in NOISY_RUNS]
     print(f"share of confirmations that adopt, {arguments.rounds} rounds")
     print(f"{'world':<24}{'candidates':>11}{'effect':>8}" + "".join(f"{name:>8}" for name in columns))
-    for one in records:
-        shares = "".join(f"{one[name]:8.3f}" for name in columns)
-        print(f"{one['world']:<24}{one['candidates']:>11}{one['effect']:>8}{shares}")
+    for record in records:
+        shares = "".join(f"{record[name]:8.3f}" for name in columns)
+        print(f"{record['world']:<24}{record['candidates']:>11}{record['effect']:>8}{shares}")
     if arguments.json:
         arguments.json.write_text(json.dumps(records, indent=2) + "\n", encoding="utf-8")
 

@@ -50,7 +50,7 @@ SEARCHES: Mapping[str, Mapping[str, Any]] = {
 
 @dataclass(frozen=True)
 class Scene:
-    """Hold images, and the noise that suits them in grey levels."""
+    """Images, and the noise that suits them in grey levels."""
 
     sequence: Sequence
     sigma: float
@@ -58,7 +58,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class Picked:
-    """Hold the true ATE of nominal and of the pick of one search, in the unit of the ground truth, and its runs."""
+    """The true ATE of nominal and of the pick of one search, in the unit of the ground truth, and its runs."""
 
     nominal: float
     picked: float

@@ -36,7 +36,7 @@ Record = dict[str, float | int | str]
 
 @dataclass(frozen=True)
 class World:
-    """Hold what errors are drawn from: spread of clean runs, share of collapsed noisy runs."""
+    """What errors are drawn from: spread of clean runs, share of collapsed noisy runs."""
 
     clean_spread: float
     collapse: float
@@ -68,7 +68,7 @@ def coverage(rounds: int) -> Iterator[Record]:
         for noisy_runs in NOISY_RUNS:
             generator = np.random.default_rng([noisy_runs, round(1000 * world.clean_spread)])
             instances = INSTANCE_SPREAD * generator.normal(size=(rounds, noisy_runs))
-            found = [estimate(world.errors(generator, one), aggregate, generator) for one in instances]
+            found = [estimate(world.errors(generator, instance), aggregate, generator) for instance in instances]
             truth = world.truth(aggregate)
             record[f"kd={noisy_runs}"] = float(np.mean([one.low <= truth <= one.high for one in found]))
             record[f"width {noisy_runs}"] = float(np.median([one.high / one.low for one in found]))

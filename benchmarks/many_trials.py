@@ -44,7 +44,7 @@ print(time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN).
 
 @dataclass(frozen=True)
 class Cost:
-    """Hold what one command took: the wall time of its process in seconds, and its largest resident set in bytes."""
+    """What one command took: the wall time of its process in seconds, and its largest resident set in bytes."""
 
     wall_s: float
     memory_bytes: int

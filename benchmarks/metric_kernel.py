@@ -32,7 +32,7 @@ NOISE = 0.05
 
 @dataclass(frozen=True)
 class Row:
-    """Hold the medians of one size; times are of all its pairs."""
+    """The medians of one size; times are of all its pairs."""
 
     clean: int
     noisy: int

@@ -36,7 +36,7 @@ FORMATS = {
 
 @dataclass(frozen=True)
 class Speed:
-    """Hold how long one way of making an image takes, and its images per second against two references."""
+    """How long one way of making an image takes, and its images per second against two references."""
 
     name: str
     milliseconds: float
@@ -47,7 +47,7 @@ class Speed:
 
 @dataclass(frozen=True)
 class FormatSpeed:
-    """Hold how long one image takes to be written by OpenCV and to be read by pycolmap."""
+    """How long one image takes to be written by OpenCV and to be read by pycolmap."""
 
     name: str
     write_ms: float

@@ -41,7 +41,7 @@ class RunTimes:
 
 @dataclass(frozen=True)
 class StudyTime:
-    """Hold the wall time of a study by where it went, in seconds per run."""
+    """The wall time of a study by where it went, in seconds per run."""
 
     runs: int
     wall_s: float

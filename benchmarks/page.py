@@ -20,7 +20,7 @@ were measured in turns in one run. Times are those of one machine; ratios travel
 
 @dataclass(frozen=True)
 class Result:
-    """Hold one section with what is needed to judge its figures."""
+    """One section with what is needed to judge its figures."""
 
     section: Section
     machine: Mapping[str, str]
@@ -80,7 +80,7 @@ def _machines(results: Mapping[str, Result]) -> str:
         for result in results.values()
     ]
     versions = sorted({result.machine["versions"] for result in results.values()})
-    return "\n".join([*lines, "", *(f"Versions: {one}." for one in versions), ""])
+    return "\n".join([*lines, "", *(f"Versions: {version}." for version in versions), ""])
 
 
 def _result(data: Mapping[str, Any]) -> Result:

@@ -40,13 +40,13 @@ def _measured(figures: Mapping[str, Any]) -> str:
     ]
     fleets = [
         [
-            str(one["workers"]),
-            f"{one['trials_per_s']:.1f}",
-            f"{one['commits_per_s']:.0f}",
-            f"{one['server_ms_per_commit']:.2f}",
-            f"{one['connections'] / one['workers']:.1f}",
+            str(figure["workers"]),
+            f"{figure['trials_per_s']:.1f}",
+            f"{figure['commits_per_s']:.0f}",
+            f"{figure['server_ms_per_commit']:.2f}",
+            f"{figure['connections'] / figure['workers']:.1f}",
         ]
-        for one in figures["throughput"]
+        for figure in figures["throughput"]
     ]
     return f"""# Scale
 
@@ -73,12 +73,12 @@ def _growing(figures: Mapping[str, Any]) -> str:
     names = ("claim_ms", "adopt_ms", "untold_ms", "best_ms")
     rows = [
         [
-            f"{one['trials']:,}",
-            *(f"{one[name]:.1f}" for name in names),
-            f"{one['load_s']:.1f}",
-            f"{one['load_megabytes']:.0f}",
+            f"{figure['trials']:,}",
+            *(f"{figure[name]:.1f}" for name in names),
+            f"{figure['load_s']:.1f}",
+            f"{figure['load_megabytes']:.0f}",
         ]
-        for one in figures["queries"]
+        for figure in figures["queries"]
     ]
     header = ["finished trials", "claim, ms", "look for dead, ms", "look for untold, ms", "read best, ms"]
     return f"""## What grows with a study
@@ -92,13 +92,13 @@ samplers keep all trials in memory:
 def _modelled(figures: Mapping[str, Any]) -> str:
     rows = [
         [
-            f"{one['workers']:,}",
-            f"{one['run_s']:g}",
-            f"{one['server_load']:.0%}",
-            f"{one['waiting_share']:.1%}",
-            f"{one['trials_per_hour']:,.0f}",
+            f"{figure['workers']:,}",
+            f"{figure['run_s']:g}",
+            f"{figure['server_load']:.0%}",
+            f"{figure['waiting_share']:.1%}",
+            f"{figure['trials_per_hour']:,.0f}",
         ]
-        for one in figures["forecasts"]
+        for figure in figures["forecasts"]
     ]
     return f"""## Many workers
 

@@ -52,7 +52,7 @@ CONTEXT.set_forkserver_preload(["benchmarks.scale_simulation", "optuna", "gtf_tu
 
 @dataclass(frozen=True)
 class TrialCost:
-    """Hold what one trial costs the database, its runs included."""
+    """What one trial costs the database, its runs included."""
 
     statements: float
     statements_per_run: float
@@ -65,7 +65,7 @@ class TrialCost:
 
 @dataclass(frozen=True)
 class Throughput:
-    """Hold what a number of workers reached on one server with runs that take no time."""
+    """What a number of workers reached on one server with runs that take no time."""
 
     workers: int
     trials_per_s: float
@@ -76,7 +76,7 @@ class Throughput:
 
 @dataclass(frozen=True)
 class QueryCost:
-    """Hold the time of the queries that grow with a study, and what a worker reads to begin, with its CPU time."""
+    """The time of the queries that grow with a study, and what a worker reads to begin, with its CPU time."""
 
     trials: int
     claim_ms: float
@@ -89,7 +89,7 @@ class QueryCost:
 
 @dataclass(frozen=True)
 class Forecast:
-    """Hold what the model says of a fleet: server load, lost time of workers, trials per hour."""
+    """What the model says of a fleet: server load, lost time of workers, trials per hour."""
 
     workers: int
     run_s: float
@@ -118,7 +118,7 @@ def main(fleets: list[int]) -> None:
         "server_cores": SERVER_CORES,
         "cost": asdict(cost),
         "throughput": [asdict(one) for one in throughput],
-        "queries": [asdict(one) for one in queries],
+        "queries": [asdict(query) for query in queries],
         "service_ms": 1000 * service_s,
         "forecasts": [asdict(one) for one in forecasts],
     }
@@ -255,7 +255,7 @@ def fill(database: Database, study: studies.Study, count: int) -> None:
 def load_all(database: Database) -> int:
     """Read what every worker reads once when it opens a study, and return its size in bytes."""
     study = open_study(database, "scale").optuna_study
-    return sum(len(repr(one)) for one in study.get_trials(deepcopy=False))
+    return sum(len(repr(get_trial)) for get_trial in study.get_trials(deepcopy=False))
 
 
 def forecast(workers: int, run_s: float, commits_per_trial: float, service_s: float) -> Forecast:

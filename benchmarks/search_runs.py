@@ -29,7 +29,7 @@ _FEW = 0.02
 
 @dataclass(frozen=True)
 class Case:
-    """Hold a space by its number of options, and how many points its grid takes along each."""
+    """A space by its number of options, and how many points its grid takes along each."""
 
     name: str
     points: Mapping[str, int]
@@ -67,7 +67,7 @@ class Case:
         axes = [_values(axis) for axis in self.space(seed).values()]
         points = itertools.product(*axes)
         settings = ({"refine.intrinsics": False, **dict(zip(self.points, p, strict=True))} for p in points)
-        return min(pipeline.expected_error(one) for one in settings if pipeline.missing_share(one) < _FEW)
+        return min(pipeline.expected_error(setting) for setting in settings if pipeline.missing_share(setting) < _FEW)
 
 
 _FIVE = {
@@ -121,7 +121,7 @@ def arrival(steps: list[Step], goal: float) -> float:
 
 @dataclass(frozen=True)
 class Searched:
-    """Hold what one method did for every seed: runs until it arrived, and where its pick stood in the end.
+    """What one method did for every seed: runs until it arrived, and where its pick stood in the end.
 
     ``ended`` is the true error of the last pick relative to that of the grid's best point.
     """

@@ -1,4 +1,4 @@
-"""Hold what one benchmark found: a table, the aims it is held against, and how it was measured."""
+"""What one benchmark found: a table, the aims it is held against, and how it was measured."""
 
 import statistics
 from collections.abc import Callable, Sequence
@@ -8,7 +8,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Aim:
-    """Hold one aim: what is wanted, what was measured, and, where it is missed, by how much and what bounds it."""
+    """One aim: what is wanted, what was measured, and, where it is missed, by how much and what bounds it."""
 
     wanted: str
     measured: str
@@ -18,7 +18,7 @@ class Aim:
 
 @dataclass(frozen=True)
 class Section:
-    """Hold the part of docs/performance.md that one benchmark writes."""
+    """The part of docs/performance.md that one benchmark writes."""
 
     title: str
     text: str

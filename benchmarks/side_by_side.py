@@ -74,4 +74,4 @@ def _requests(sequence: Sequence, threshold: float) -> list[RunRequest]:
 def _time(executor: LocalExecutor, requests: list[RunRequest]) -> tuple[float, bytes]:
     began = time.perf_counter()
     outcomes = [future.result() for future in [executor.submit(request, LIMITS) for request in requests]]
-    return time.perf_counter() - began, b"".join(to_bytes(one.trajectory) for one in outcomes)
+    return time.perf_counter() - began, b"".join(to_bytes(outcome.trajectory) for outcome in outcomes)

@@ -18,24 +18,24 @@ _WANTED = 0.95
 
 def draw_coverage(records: Sequence[Mapping[str, Any]]) -> go.Figure:
     """Return one panel for each share of collapsed runs; clean runs agree as they do in GLOMAP studies."""
-    clean = min(one["clean_spread"] for one in records)
-    shares = sorted({one["collapse"] for one in records})
+    clean = min(record["clean_spread"] for record in records)
+    shares = sorted({record["collapse"] for record in records})
     titles = [f"{share:.0%} of noisy runs collapse" for share in shares]
     figure = make_subplots(cols=len(shares), subplot_titles=titles, shared_yaxes=True, horizontal_spacing=0.04)
     figure.update_layout({**theme.figure().layout.to_plotly_json(), "margin": {"l": 60, "r": 20, "t": 80, "b": 55}})
     figure.update_layout(legend={"y": 1.12})
-    for one in records:
-        if one["clean_spread"] == clean:
+    for record in records:
+        if record["clean_spread"] == clean:
             figure.add_trace(
                 go.Scatter(
                     x=list(NOISY_RUNS),
-                    y=[100 * one[f"kd={count}"] for count in NOISY_RUNS],
-                    name=one["aggregate"],
-                    line={"color": _COLOURS[one["aggregate"]]},
-                    showlegend=one["collapse"] == shares[0],
+                    y=[100 * record[f"kd={count}"] for count in NOISY_RUNS],
+                    name=record["aggregate"],
+                    line={"color": _COLOURS[record["aggregate"]]},
+                    showlegend=record["collapse"] == shares[0],
                 ),
                 row=1,
-                col=shares.index(one["collapse"]) + 1,
+                col=shares.index(record["collapse"]) + 1,
             )
     figure.add_hline(y=100 * _WANTED, line={"color": theme.INK, "dash": "dash", "width": 1})
     figure.update_xaxes(**theme.axis("noisy runs (k_delta)", tickvals=list(NOISY_RUNS)))

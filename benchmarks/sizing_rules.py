@@ -28,7 +28,7 @@ RULES = (
 
 @dataclass(frozen=True)
 class Races:
-    """Hold the outcome of many races: the share that was stopped, and the noisy runs that one took on average."""
+    """The outcome of many races: the share that was stopped, and the noisy runs that one took on average."""
 
     stopped: float
     runs: float

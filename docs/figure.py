@@ -19,7 +19,9 @@ def draw_sweep(trials: Sequence[Mapping[str, Any]]) -> str:
     ``standard_error``, ``gt_ate`` and ``ordinal``, as ``gtf-tune study show --json`` prints them.
     """
     name = next(iter(trials[0]["options"]))
-    known = sorted((one for one in trials if one["gtf_ate"] is not None), key=lambda one: float(one["options"][name]))
+    known = sorted(
+        (trial for trial in trials if trial["gtf_ate"] is not None), key=lambda one: float(one["options"][name])
+    )
     xs = [math.log10(float(one["options"][name])) for one in known]
     scores = [1000 * float(one["gtf_ate"]) for one in known]
     errors = [1000 * float(one["standard_error"] or 0) for one in known]

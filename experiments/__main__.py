@@ -114,11 +114,13 @@ def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
     ablated = read([*single, *swept_elsewhere(named)])
     done = {one.experiment.study for one in (*outcomes, *many, *weaker, *trapped, *ablated)}
     missing = [one.study for group in (table, *others, single) for one in group if one.study not in done]
-    missing += [f"joint search on {name}" for name in JOINT_SEQUENCES if name not in {one.sequence for one in joints}]
+    missing += [
+        f"joint search on {name}" for name in JOINT_SEQUENCES if name not in {joint.sequence for joint in joints}
+    ]
     missing += [] if candidates else ["one setting for several sequences"]
     curves = _merged([curve(one) for one in many], stored_curves(DOCS / "results.json"), lambda one: one.study)
     ladders = _merged(ladders, stored_ladders(DOCS / "results.json"), lambda one: one.sequence)
-    measured = {f"noise ladder of {one.sequence}" for one in ladders}
+    measured = {f"noise ladder of {ladder.sequence}" for ladder in ladders}
     missing_ladders = [name for name in missing_ladders if name not in measured]
     write_results(
         Findings(
@@ -164,7 +166,7 @@ def _known(fresh: Outcome | None, earlier: Outcome | None, judged: bool) -> Outc
         return earlier
     if fresh is None or fresh.adopted is not None or earlier is None or earlier.adopted is None:
         return fresh or earlier
-    adopted = next((one for one in fresh.settings if one.value == earlier.adopted.value), None)
+    adopted = next((setting for setting in fresh.settings if setting.value == earlier.adopted.value), None)
     return fresh if adopted is None else replace(fresh, adopted=adopted, verdict=earlier.verdict)
 
 

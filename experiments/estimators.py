@@ -30,14 +30,14 @@ def dispersion(trajectories: Sequence[Trajectory]) -> float:
     share (generalised Procrustes analysis; Gower, Psychometrika 40, 1975). NaN where they share fewer than four frames
     or cannot be aligned.
     """
-    frames = reduce(np.intersect1d, (one.frame_ids for one in trajectories))
+    frames = reduce(np.intersect1d, (trajectory.frame_ids for trajectory in trajectories))
     if len(frames) < MIN_MATCHED:
         return math.nan
-    points = [one.positions[np.isin(one.frame_ids, frames)] for one in trajectories]
+    points = [trajectory.positions[np.isin(trajectory.frame_ids, frames)] for trajectory in trajectories]
     consensus = points[0]
     try:
         for _ in range(_ROUNDS):
-            aligned = [umeyama(one, consensus).apply(one) for one in points]
+            aligned = [umeyama(point, consensus).apply(point) for point in points]
             consensus = np.median(aligned, axis=0)
     except TrajectoryError:
         return math.nan

@@ -51,7 +51,7 @@ def gains(findings: Findings) -> go.Figure:
         marker = {"color": colour, "symbol": symbol, "size": 10, "line": {"width": 2, "color": colour}}
         if rows:
             figure.add_trace(
-                go.Scatter(x=[100 * one for one in changes], y=rows, mode="markers", name=label, marker=marker)
+                go.Scatter(x=[100 * change for change in changes], y=rows, mode="markers", name=label, marker=marker)
             )
     figure.update_xaxes(**theme.axis("change of the true ATE against nominal [%], negative is better"))
     figure.update_yaxes(**theme.axis())
@@ -75,11 +75,11 @@ def noise(findings: Findings) -> go.Figure:
     """Draw the score of the nominal setting over sigma, one line for each sequence; recommended levels are filled."""
     figure = theme.figure()
     for ladder, colour in zip(findings.ladders, _COLOURS, strict=False):
-        symbols = ["circle" if one.sigma == ladder.recommended else "circle-open" for one in ladder.rungs]
+        symbols = ["circle" if rung.sigma == ladder.recommended else "circle-open" for rung in ladder.rungs]
         figure.add_trace(
             go.Scatter(
-                x=[one.sigma for one in ladder.rungs],
-                y=[1000 * one.score for one in ladder.rungs],
+                x=[rung.sigma for rung in ladder.rungs],
+                y=[1000 * rung.score for rung in ladder.rungs],
                 name=ladder.sequence,
                 mode="lines+markers",
                 line={"color": colour},
@@ -87,7 +87,7 @@ def noise(findings: Findings) -> go.Figure:
             )
         )
         figure.add_hline(y=1000 * ladder.floor, line={"color": colour, "width": 1, "dash": "dot"})
-    levels = sorted({one.sigma for ladder in findings.ladders for one in ladder.rungs})
+    levels = sorted({rung.sigma for ladder in findings.ladders for rung in ladder.rungs})
     figure.update_xaxes(**theme.axis("sigma [grey levels]", type="log", tickvals=levels))
     figure.update_yaxes(**theme.axis("GTF ATE [‰ of the extent]; dotted: clean runs", type="log", dtick=1))
     return figure

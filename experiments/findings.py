@@ -1,4 +1,4 @@
-"""Hold all that the experiments measured."""
+"""All that the experiments measured."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ AIM = 0.9
 
 @dataclass(frozen=True)
 class Findings:
-    """Hold the grids of table 2, with many noisy runs, with weaker noise, over options that drop frames and of the
+    """The grids of table 2, with many noisy runs, with weaker noise, over options that drop frames and of the
     ablation; joint searches; noise ladders; what is missing; curves over the number of noisy runs; the candidates of
     the search over several sequences; and those of the confirmations, judged on the confirmations' own noise.
     """
@@ -44,13 +44,15 @@ def share_of_oracle(outcomes: Sequence[Outcome], predictor: str = AGGREGATE) -> 
     Only grids count whose oracle gains more than 3 %; a loss counts as -100 % at the most.
     """
     chosen = PREDICTORS[predictor]
-    worth = [one for one in outcomes if one.change(one.oracle) < -WORTH_FINDING and one.knows(chosen)]
+    worth = [
+        outcome for outcome in outcomes if outcome.change(outcome.oracle) < -WORTH_FINDING and outcome.knows(chosen)
+    ]
     return _mean_share(worth, [one.agreement(chosen).pick for one in worth]), len(worth)
 
 
 def share_of_verdicts(outcomes: Sequence[Outcome]) -> tuple[float, int]:
     """Return the same for what confirmations adopted, nominal where they kept it, over confirmed grids."""
-    worth = [one for one in outcomes if one.change(one.oracle) < -WORTH_FINDING]
+    worth = [outcome for outcome in outcomes if outcome.change(outcome.oracle) < -WORTH_FINDING]
     found = [(one, one.adopted) for one in worth if one.adopted is not None]
     return _mean_share([one for one, _ in found], [adopted for _, adopted in found]), len(found)
 

@@ -25,7 +25,7 @@ Errors = Mapping[int, float]
 
 @dataclass(frozen=True)
 class FreshError:
-    """Hold what ground truth says of one candidate on the noisy images of its confirmation.
+    """What ground truth says of one candidate on the noisy images of its confirmation.
 
     ``change`` is the geometric mean over the noisy runs of the true ATE relative to nominal's under the same noise,
     minus one, without runs far from the others; negative is better. ``low`` and ``high`` are its 95 % interval, by
@@ -58,8 +58,14 @@ def read_fresh(database: Database, outcome: Outcome, truth: Trajectory | None) -
     value = float(verdict.nominal.options[name])
     errors = _errors(database, experiment, stored[-1].definition["run_keys"], value, truth)
     return [
-        judged(outcome, one, errors[value], errors[float(one.options[name])], one.number == verdict.adopted)
-        for one in verdict.candidates
+        judged(
+            outcome,
+            candidate,
+            errors[value],
+            errors[float(candidate.options[name])],
+            candidate.number == verdict.adopted,
+        )
+        for candidate in verdict.candidates
     ]
 
 
@@ -69,7 +75,7 @@ def judged(outcome: Outcome, candidate: Candidate, nominal: Errors, own: Errors,
     common = sorted(index for index in nominal.keys() & own.keys() if nominal[index] > 0 and own[index] > 0)
     logs = np.array([math.log(own[index] / nominal[index]) for index in common])
     change, low, high = _interval(logs[~far_from_median(logs)] if len(logs) else logs)
-    clean = next((outcome.change(one) for one in outcome.settings if one.value == value), math.nan)
+    clean = next((outcome.change(setting) for setting in outcome.settings if setting.value == value), math.nan)
     return FreshError(
         outcome.experiment.study,
         value,

@@ -38,7 +38,7 @@ _SPACE = {
 
 @dataclass(frozen=True)
 class Joint:
-    """Hold a joint search: true ATEs of nominal, of the pick and of the best trial, and what it cost."""
+    """A joint search: true ATEs of nominal, of the pick and of the best trial, and what it cost."""
 
     sequence: str
     sampler: str
@@ -114,9 +114,9 @@ def read_joint(database: Database, sequence: str) -> Joint | None:
 def sweeps_of(sequence: str, outcomes: Sequence[Outcome]) -> list[tuple[Experiment, int, float]]:
     """Return each sweep of a sequence with its runs and what its pick changes."""
     found = []
-    for one in outcomes:
-        if one.experiment.sequence == sequence and one.experiment.option.short in OPTIONS:
-            pick = one.agreement(PREDICTORS[AGGREGATE]).pick
-            runs = len(one.settings) * sum(one.nominal.matrix.shape)
-            found.append((one.experiment, runs, one.change(pick)))
+    for outcome in outcomes:
+        if outcome.experiment.sequence == sequence and outcome.experiment.option.short in OPTIONS:
+            pick = outcome.agreement(PREDICTORS[AGGREGATE]).pick
+            runs = len(outcome.settings) * sum(outcome.nominal.matrix.shape)
+            found.append((outcome.experiment, runs, outcome.change(pick)))
     return found

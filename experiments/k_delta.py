@@ -17,15 +17,15 @@ def r_squared_by_count(outcome: Outcome, aggregate: Aggregate, counts: Sequence[
     All settings are scored on the same choice, as in a study.
     """
     settings = outcome.feasible
-    true = np.array([one.true_ate for one in settings])
-    available = min(one.matrix.shape[1] for one in settings)
+    true = np.array([setting.true_ate for setting in settings])
+    available = min(setting.matrix.shape[1] for setting in settings)
     generator = np.random.default_rng(0)
     found = []
     for count in counts:
         values = []
         for _ in range(DRAWS if count < available else 1):
             chosen = generator.permutation(available)[:count]
-            scores = [aggregate_matrix(one.matrix[:, chosen], aggregate) for one in settings]
+            scores = [aggregate_matrix(setting.matrix[:, chosen], aggregate) for setting in settings]
             values.append(np.corrcoef(scores, true)[0, 1] ** 2)
         found.append(float(np.mean(values)))
     return found
@@ -33,7 +33,7 @@ def r_squared_by_count(outcome: Outcome, aggregate: Aggregate, counts: Sequence[
 
 @dataclass(frozen=True)
 class Curve:
-    """Hold R2 between score and true error for each number of noisy runs, by aggregate."""
+    """R2 between score and true error for each number of noisy runs, by aggregate."""
 
     study: str
     counts: tuple[int, ...]
@@ -62,12 +62,12 @@ def picks(outcome: Outcome, aggregate: Aggregate, count: int) -> Picks:
     A regression is a pick worse than nominal by more than 1 %.
     """
     settings = outcome.feasible
-    available = min(one.matrix.shape[1] for one in settings)
+    available = min(setting.matrix.shape[1] for setting in settings)
     generator = np.random.default_rng(0)
     changes = []
     for _ in range(DRAWS):
         chosen = generator.permutation(available)[:count]
-        scores = [aggregate_matrix(one.matrix[:, chosen], aggregate) for one in settings]
+        scores = [aggregate_matrix(setting.matrix[:, chosen], aggregate) for setting in settings]
         changes.append(outcome.change(settings[int(np.argmin(scores))]))
     found = np.array(changes)
     return Picks(float(found.mean()), float(np.quantile(found, 0.9)), float((found > 0.01).mean()))

@@ -33,7 +33,7 @@ class NotMeasuredError(Exception):
 
 @dataclass(frozen=True)
 class Rung:
-    """Hold one level: score and spread as in `NoiseLevel`, and the mean true ATE of its noisy runs."""
+    """One level: score and spread as in `NoiseLevel`, and the mean true ATE of its noisy runs."""
 
     sigma: float
     score: float
@@ -45,7 +45,7 @@ class Rung:
 
 @dataclass(frozen=True)
 class Ladder:
-    """Hold a ladder; ``floor`` is the score of clean runs against clean runs."""
+    """A ladder; ``floor`` is the score of clean runs against clean runs."""
 
     sequence: str
     floor: float

@@ -27,7 +27,7 @@ ROOM_FRAMES = 18
 
 @dataclass(frozen=True)
 class Bench:
-    """Hold where results go, where the images are, and how many runs go side by side."""
+    """Where results go, where the images are, and how many runs go side by side."""
 
     database: Database
     folders: Mapping[str, Path]

@@ -1,11 +1,11 @@
-"""Hold the paper's numbers for GLOMAP (table "GLOMAP", arXiv 2412.01116): changes of the true ATE in per cent."""
+"""The paper's numbers for GLOMAP (table "GLOMAP", arXiv 2412.01116): changes of the true ATE in per cent."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class PaperRow:
-    """Hold one sequence: its nominal ATE as printed, and for each option the improvement by GTF and by ground truth."""
+    """One sequence: its nominal ATE as printed, and for each option the improvement by GTF and by ground truth."""
 
     sequence: str
     nominal: str

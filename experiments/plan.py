@@ -28,7 +28,7 @@ FIXED = MappingProxyType(
 
 @dataclass(frozen=True)
 class Option:
-    """Hold one option of the paper's table 2, its values on a grid, and the head of its column there."""
+    """One option of the paper's table 2, its values on a grid, and the head of its column there."""
 
     short: str
     name: str
@@ -177,13 +177,13 @@ def other_sigmas(found: Mapping[str, Path]) -> list[Experiment]:
 
 def confirmed_with_weaker_noise(found: Mapping[str, Path]) -> list[Experiment]:
     """Return those of `other_sigmas` that are confirmed too: the cheap ones."""
-    return [one for one in other_sigmas(found) if one.option.short in _CHEAPEST]
+    return [other_sigma for other_sigma in other_sigmas(found) if other_sigma.option.short in _CHEAPEST]
 
 
 def many_noisy_runs(found: Mapping[str, Path]) -> list[Experiment]:
     """Return the grids that show what more noisy runs are worth (the paper shows 1 to 60)."""
     kinds = [OPTIONS["huber"], replace(OPTIONS["ba"], values=OPTIONS["ba"].values[1:])]
-    return [Experiment(ROOM, one, SIGMAS[ROOM], MANY_NOISY_RUNS) for one in kinds if ROOM in found]
+    return [Experiment(ROOM, kind, SIGMAS[ROOM], MANY_NOISY_RUNS) for kind in kinds if ROOM in found]
 
 
 def traps(found: Mapping[str, Path]) -> list[Experiment]:

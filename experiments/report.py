@@ -31,16 +31,16 @@ def write_results(findings: Findings, folder: Path) -> None:
     page = "\n\n".join([_introduction(findings), *_parts(findings, drawn)])
     (folder / "results.md").write_text(page + "\n", encoding="utf-8")
     data = {
-        "experiments": [_as_data(one) for one in findings.outcomes],
+        "experiments": [_as_data(outcome) for outcome in findings.outcomes],
         "weaker_noise": [_as_data(one) for one in findings.weaker],
         "many": [_as_data(one) for one in findings.many],
-        "k_delta": [asdict(one) for one in findings.curves],
-        "traps": [_as_data(one) for one in findings.traps],
-        "joint": [asdict(one) for one in findings.joints],
+        "k_delta": [asdict(curve) for curve in findings.curves],
+        "traps": [_as_data(trap) for trap in findings.traps],
+        "joint": [asdict(joint) for joint in findings.joints],
         "several": [asdict(one) for one in findings.several],
         "fresh": [{name: _plain(value) for name, value in asdict(one).items()} for one in findings.fresh],
         "ablation": [_as_data(one) for one in findings.ablated],
-        "ladders": [asdict(one) for one in findings.ladders],
+        "ladders": [asdict(ladder) for ladder in findings.ladders],
         "not_measured": list(findings.missing),
     }
     (folder / "results.json").write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
@@ -74,7 +74,7 @@ def _parts(findings: Findings, drawn: Sequence[str]) -> list[str]:
 
 def _introduction(findings: Findings) -> str:
     outcomes, missing = findings.outcomes, findings.missing
-    confirmed = [one for one in outcomes if one.adopted is not None]
+    confirmed = [outcome for outcome in outcomes if outcome.adopted is not None]
     adopted = [one for one in confirmed if one.adopted is not None and one.adopted.number]
     worse = [one for one in adopted if one.adopted is not None and one.change(one.adopted) > 0]
     lines = [
@@ -127,7 +127,7 @@ def _frames() -> str:
 
 
 def _named(outcomes: Sequence[Outcome]) -> str:
-    named = [_loss(one, one.adopted) for one in outcomes if one.adopted]
+    named = [_loss(outcome, outcome.adopted) for outcome in outcomes if outcome.adopted]
     return f" ({', '.join(named)})" if named else ""
 
 
@@ -153,19 +153,19 @@ def _as_data(outcome: Outcome) -> dict[str, Any]:
         "picks": {name: outcome.agreement(predictor).pick.value for name, predictor in PREDICTORS.items()},
         "settings": [
             {
-                "value": one.value,
-                "feasible": one.feasible,
-                "coverage": one.coverage,
-                "true_ate": known(one.true_ate),
-                "noisy_true_ates": [known(value) for value in one.noisy_true_ates.tolist()],
-                "collapsed": one.collapsed,
-                "reprojection_px": known(one.reprojection_px),
-                "clean_clean": known(one.clean_clean),
-                "noisy_noisy": known(one.noisy_noisy),
-                "dispersion": known(one.dispersion),
-                "paired": known(one.paired),
-                "matrix": [[known(value) for value in row] for row in one.matrix.tolist()],
+                "value": setting.value,
+                "feasible": setting.feasible,
+                "coverage": setting.coverage,
+                "true_ate": known(setting.true_ate),
+                "noisy_true_ates": [known(value) for value in setting.noisy_true_ates.tolist()],
+                "collapsed": setting.collapsed,
+                "reprojection_px": known(setting.reprojection_px),
+                "clean_clean": known(setting.clean_clean),
+                "noisy_noisy": known(setting.noisy_noisy),
+                "dispersion": known(setting.dispersion),
+                "paired": known(setting.paired),
+                "matrix": [[known(value) for value in row] for row in setting.matrix.tolist()],
             }
-            for one in outcome.settings
+            for setting in outcome.settings
         ],
     }

@@ -25,7 +25,7 @@ AGGREGATES: tuple[Aggregate, ...] = ("mean", "median", "gmean", "trimmed")
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Hold one value of an option.
+    """One value of an option.
 
     ``matrix`` (k, k_delta) is NaN where the setting is infeasible. ``true_ate`` is the true error of the clean runs in
     the unit of the ground truth, ``noisy_true_ates`` (k_delta,) those of the noisy runs, NaN where a run failed or the
@@ -84,7 +84,7 @@ class Agreement:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Hold one finished experiment; ``adopted`` is nominal where the confirmation kept it, None before there is one."""
+    """One finished experiment; ``adopted`` is nominal where the confirmation kept it, None before there is one."""
 
     experiment: Experiment
     settings: tuple[Setting, ...]
@@ -97,11 +97,11 @@ class Outcome:
 
     @property
     def feasible(self) -> list[Setting]:
-        return [one for one in self.settings if one.feasible and math.isfinite(one.true_ate)]
+        return [setting for setting in self.settings if setting.feasible and math.isfinite(setting.true_ate)]
 
     @property
     def works(self) -> bool:
-        """Tell whether nominal is feasible and its true error is known: all others are judged against it."""
+        """Whether nominal is feasible and its true error is known: all others are judged against it."""
         return self.nominal in self.feasible
 
     @property
@@ -113,7 +113,7 @@ class Outcome:
         return setting.true_ate / self.nominal.true_ate - 1
 
     def knows(self, predictor: Predictor) -> bool:
-        """Tell whether a predictor was measured for every feasible setting."""
+        """Return True if a predictor was measured for every feasible setting."""
         return all(math.isfinite(predictor(one)) for one in self.feasible)
 
     def agreement(self, predictor: Predictor) -> Agreement:
@@ -144,7 +144,9 @@ def read_outcome(database: Database, experiment: Experiment, truth: Trajectory |
     if not stored:
         return Outcome(experiment, settings, None, "unconfirmed")
     adopted = verdict_of(stored[-1]).adopted or 0
-    return Outcome(experiment, settings, next(one for one in settings if one.number == adopted), stored[-1].verdict)
+    return Outcome(
+        experiment, settings, next(setting for setting in settings if setting.number == adopted), stored[-1].verdict
+    )
 
 
 def _setting(

@@ -25,7 +25,7 @@ CONFIRMATION = 8
 
 @dataclass(frozen=True)
 class OnSequence:
-    """Hold what a candidate does on one sequence: its improvement of the score, and its change of the true ATE.
+    """What a candidate does on one sequence: its improvement of the score, and its change of the true ATE.
 
     ``low`` and ``high`` are the 95 % confidence interval of ``improvement``. ``true_change`` is that of the sequence's
     own grid, ``None`` where it was not measured.
@@ -41,7 +41,7 @@ class OnSequence:
 
 @dataclass(frozen=True)
 class Candidate:
-    """Hold one candidate of the confirmation: over the searched sequences together, and on each sequence."""
+    """One candidate of the confirmation: over the searched sequences together, and on each sequence."""
 
     value: float
     verdict: str
@@ -90,7 +90,7 @@ def read_several(database: Database, outcomes: Sequence[Outcome]) -> list[Candid
     if not confirmed:
         return []
     found = verdict.verdict_of(confirmed[-1])
-    return [_candidate(one, one.number == found.adopted, outcomes) for one in found.candidates]
+    return [_candidate(candidate, candidate.number == found.adopted, outcomes) for candidate in found.candidates]
 
 
 def _candidate(found: verdict.Candidate, is_adopted: bool, outcomes: Sequence[Outcome]) -> Candidate:
@@ -118,21 +118,21 @@ def _known(found: Improvement) -> tuple[float | None, float | None, float | None
 
 def _truth(sequence: str, value: float, outcomes: Sequence[Outcome]) -> float | None:
     """Return how a value changes the true ATE on a sequence, from the grid of that sequence alone."""
-    for one in outcomes:
-        experiment = one.experiment
+    for outcome in outcomes:
+        experiment = outcome.experiment
         if (experiment.sequence, experiment.option.short, experiment.sigma) == (sequence, OPTION.short, SIGMA):
-            return next((one.change(setting) for setting in one.settings if setting.value == value), None)
+            return next((outcome.change(setting) for setting in outcome.settings if setting.value == value), None)
     return None
 
 
 def several_table(candidates: Sequence[Candidate]) -> Table:
     """Return one row for each candidate over all searched sequences, and one for each sequence."""
     rows = []
-    for one in candidates:
-        verdict = one.verdict + (": " + "; ".join(one.reasons) if one.reasons else "")
-        adopted = ", the surest" if one.adopted else ""
-        rows.append([f"**{one.value:g}**", "searched together", _improvement(one), "", verdict + adopted])
-        for on in one.by_sequence:
+    for candidate in candidates:
+        verdict = candidate.verdict + (": " + "; ".join(candidate.reasons) if candidate.reasons else "")
+        adopted = ", the surest" if candidate.adopted else ""
+        rows.append([f"**{candidate.value:g}**", "searched together", _improvement(candidate), "", verdict + adopted])
+        for on in candidate.by_sequence:
             change = "-" if on.true_change is None else percent(on.true_change)
             rows.append(["", on.sequence + (" (held out)" if on.held_out else ""), _improvement(on), change, ""])
     return ["value", "sequence", "GTF ATE, 95 % interval", "true ATE", "verdict"], rows

@@ -92,7 +92,7 @@ def outcome_from(stored: Mapping[str, Any], experiment: Experiment) -> Outcome:
         _setting(number, row, matrix, matrices[0])
         for number, (row, matrix) in enumerate(zip(rows, matrices, strict=True))
     )
-    adopted = next((one for one in settings if one.value == stored["adopted"]), None)
+    adopted = next((setting for setting in settings if setting.value == stored["adopted"]), None)
     return Outcome(experiment, settings, adopted, stored["verdict"])
 
 

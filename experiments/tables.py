@@ -24,8 +24,8 @@ def table_2(outcomes: Sequence[Outcome]) -> Table:
     """Return the picks in the shape of the paper's table."""
     columns = ["sequence (sigma)", "ground truth", "nominal ATE", *(one.paper_column for one in OPTIONS.values())]
     rows = []
-    for name in dict.fromkeys(one.experiment.sequence for one in outcomes):
-        mine = {one.experiment.option.short: one for one in outcomes if one.experiment.sequence == name}
+    for name in dict.fromkeys(outcome.experiment.sequence for outcome in outcomes):
+        mine = {outcome.experiment.option.short: outcome for outcome in outcomes if outcome.experiment.sequence == name}
         first = next(iter(mine.values()))
         cells = [_cell(mine[short]) if short in mine else "not measured" for short in OPTIONS]
         truth = TRUTHS.get(name, UNKNOWN_TRUTH)
@@ -153,13 +153,13 @@ def k_delta_table(curves: Sequence[Curve]) -> Table:
     """Return R2 for numbers of noisy runs, one row for each experiment and aggregate."""
     if not curves:
         return ["experiment"], []
-    counts = [count for count in COUNTS if count <= max(one.counts[-1] for one in curves)]
+    counts = [count for count in COUNTS if count <= max(curve.counts[-1] for curve in curves)]
     rows = []
-    for one in curves:
-        for name, values in one.r_squared.items():
-            known = dict(zip(one.counts, values, strict=True))
+    for curve in curves:
+        for name, values in curve.r_squared.items():
+            known = dict(zip(curve.counts, values, strict=True))
             cells = [plain(known[count]) if count in known else "-" for count in counts]
-            rows.append([f"{one.study} {name}", *cells])
+            rows.append([f"{curve.study} {name}", *cells])
     return ["experiment", *(f"k_delta {count}" for count in counts)], rows
 
 
@@ -167,27 +167,27 @@ def fragile_table(outcomes: Sequence[Outcome]) -> Table:
     """Return the settings that are infeasible or that collapse."""
     rows = []
     for outcome in outcomes:
-        for one in outcome.settings:
-            if one.feasible and not one.collapsed:
+        for setting in outcome.settings:
+            if setting.feasible and not setting.collapsed:
                 continue
-            name = f"{outcome.experiment.sequence} {outcome.experiment.option.short} = {one.value:g}"
-            state = "feasible" if one.feasible else "infeasible"
-            change = percent(outcome.change(one))
-            rows.append([name, state, f"{one.coverage:.0%}", f"{one.collapsed:.0%}", change])
+            name = f"{outcome.experiment.sequence} {outcome.experiment.option.short} = {setting.value:g}"
+            state = "feasible" if setting.feasible else "infeasible"
+            change = percent(outcome.change(setting))
+            rows.append([name, state, f"{setting.coverage:.0%}", f"{setting.collapsed:.0%}", change])
     return ["setting", "", "least coverage", "noisy runs collapsed", "true ATE against nominal"], rows
 
 
 def ladder_table(ladders: Sequence[Ladder]) -> Table:
     """Return one row for each level of each ladder."""
     rows = []
-    for one in ladders:
-        rows.append([one.sequence, "0", significant(1000 * one.floor), *["-"] * 4, "floor"])
-        for rung in one.rungs:
-            mark = "recommended" if rung.sigma == one.recommended else "linear" if rung.linear else ""
-            signal = math.sqrt(rung.score**2 - one.floor**2) if rung.score > one.floor else math.nan
+    for ladder in ladders:
+        rows.append([ladder.sequence, "0", significant(1000 * ladder.floor), *["-"] * 4, "floor"])
+        for rung in ladder.rungs:
+            mark = "recommended" if rung.sigma == ladder.recommended else "linear" if rung.linear else ""
+            signal = math.sqrt(rung.score**2 - ladder.floor**2) if rung.score > ladder.floor else math.nan
             numbers = [significant(value) for value in (1000 * rung.score, 1000 * signal / rung.sigma)]
             numbers += ["-" if value is None else significant(value) for value in (rung.spread, rung.true_ate)]
-            rows.append([one.sequence, f"{rung.sigma:g}", *numbers, str(rung.collapsed), mark])
+            rows.append([ladder.sequence, f"{rung.sigma:g}", *numbers, str(rung.collapsed), mark])
     columns = ["sequence", "sigma", "score [‰]", "response [‰ / grey]", "spread", "true ATE of noisy runs"]
     return [*columns, "collapsed", ""], rows
 
@@ -203,7 +203,7 @@ def ablation_table(ablated: Sequence[Outcome]) -> Table:
         option = outcome.experiment.option
         score_range = f"{percent(min(scores) / scores[0] - 1)} to {percent(max(scores) / scores[0] - 1)}"
         true_range = f"{percent(min(changes))} to {percent(max(changes))}"
-        values = ", ".join(f"{one.value:g}" for one in outcome.settings[1:])
+        values = ", ".join(f"{setting.value:g}" for setting in outcome.settings[1:])
         rows.append(
             (
                 span,
@@ -225,18 +225,18 @@ def ablation_table(ablated: Sequence[Outcome]) -> Table:
 def joint_table(joints: Sequence[Joint], outcomes: Sequence[Outcome]) -> Table:
     """Return joint searches beside the sweeps of one option on the same sequence."""
     rows = []
-    for one in joints:
-        for experiment, runs, change in sweeps_of(one.sequence, outcomes):
-            rows.append([one.sequence, f"sweep of `{experiment.option.name}`", str(runs), percent(change), "", ""])
-        adopted = "" if one.adopted is None else f" {percent(one.change(one.adopted))}"
+    for joint in joints:
+        for experiment, runs, change in sweeps_of(joint.sequence, outcomes):
+            rows.append([joint.sequence, f"sweep of `{experiment.option.name}`", str(runs), percent(change), "", ""])
+        adopted = "" if joint.adopted is None else f" {percent(joint.change(joint.adopted))}"
         rows.append(
             [
-                one.sequence,
-                f"all five by {one.sampler}, {one.trials} trials",
-                str(one.runs),
-                f"**{percent(one.change(one.pick))}**",
-                percent(one.change(one.oracle)),
-                f"{one.verdict}{adopted}",
+                joint.sequence,
+                f"all five by {joint.sampler}, {joint.trials} trials",
+                str(joint.runs),
+                f"**{percent(joint.change(joint.pick))}**",
+                percent(joint.change(joint.oracle)),
+                f"{joint.verdict}{adopted}",
             ]
         )
     return ["sequence", "search", "runs", "true ATE at the pick", "best trial by truth", "confirmation"], rows

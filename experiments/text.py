@@ -1,4 +1,4 @@
-"""Hold what stands above each table of docs/results.md."""
+"""What stands above each table of docs/results.md."""
 
 from types import MappingProxyType
 

@@ -37,7 +37,7 @@ SCORERS: Mapping[str, Scorer] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Unseen:
-    """Hold changes of the true error over unseen noisy images against nominal's, averaged over splits of the runs.
+    """Changes of the true error over unseen noisy images against nominal's, averaged over splits of the runs.
 
     ``by_score`` is that of the setting which the score picks from the seen half; ``by_clean_truth`` and
     ``by_seen_truth`` those of the settings which ground truth picks from clean runs and from the seen noisy ones;
@@ -57,17 +57,17 @@ class Unseen:
 def on_unseen(outcome: Outcome, scorer: Scorer) -> Unseen | None:
     """Return what a pick from half of the noisy runs does on the other half; None where their truth is not known."""
     settings = outcome.feasible
-    runs = min(len(one.noisy_true_ates) for one in settings)
-    errors = np.array([one.noisy_true_ates[:runs] for one in settings], dtype=np.float64)
+    runs = min(len(setting.noisy_true_ates) for setting in settings)
+    errors = np.array([setting.noisy_true_ates[:runs] for setting in settings], dtype=np.float64)
     if runs < 2 or np.isnan(errors).any():
         return None
-    clean = [one.true_ate for one in settings]
+    clean = [setting.true_ate for setting in settings]
     found = []
     for seen in _halves(runs):
         unseen = [index for index in range(runs) if index not in seen]
         before, after = (np.median(errors[:, half], axis=1) for half in (list(seen), unseen))
         changes = after / after[0] - 1
-        scores = [scorer(one, outcome.nominal, seen) for one in settings]
+        scores = [scorer(setting, outcome.nominal, seen) for setting in settings]
         chosen = [int(np.argmin(values)) for values in (scores, clean, before, after)]
         found.append([*changes[chosen], spearman(scores, after.tolist()), spearman(clean, after.tolist())])
     return Unseen(*(mean(column) for column in zip(*found, strict=True)))
@@ -81,7 +81,7 @@ def share_on_unseen(outcomes: Sequence[Outcome], scorer: Scorer) -> tuple[float,
 
 @dataclass(frozen=True)
 class Shares:
-    """Hold the parts of the gain possible in hindsight that three ways to choose reach, over some number of grids."""
+    """The parts of the gain possible in hindsight that three ways to choose reach, over some number of grids."""
 
     by_score: float
     by_clean_truth: float

@@ -12,7 +12,7 @@ _REGRESSION = 0.01
 
 
 class NoisePair(NamedTuple):
-    """Hold one grid under the usual and under weaker noise."""
+    """One grid under the usual and under weaker noise."""
 
     usual: Outcome
     weaker: Outcome
@@ -34,14 +34,14 @@ def noise_pairs(usual: Sequence[Outcome], weaker: Sequence[Outcome]) -> list[Noi
 
 def worth_finding(pairs: Sequence[NoisePair]) -> list[NoisePair]:
     """Return the pairs on whose usual grid the oracle gains enough."""
-    return [one for one in pairs if one.usual.change(one.usual.oracle) < -WORTH_FINDING]
+    return [pair for pair in pairs if pair.usual.change(pair.usual.oracle) < -WORTH_FINDING]
 
 
 def standings(pairs: Sequence[NoisePair]) -> tuple[Standing, Standing]:
     """Return what the usual and the weaker noise are worth; the shares are over the pairs worth finding."""
     worth = worth_finding(pairs)
-    usual = _standing([one.usual for one in pairs], [one.usual for one in worth])
-    return usual, _standing([one.weaker for one in pairs], [one.weaker for one in worth])
+    usual = _standing([pair.usual for pair in pairs], [one.usual for one in worth])
+    return usual, _standing([pair.weaker for pair in pairs], [one.weaker for one in worth])
 
 
 def noise_sentence(pairs: Sequence[NoisePair]) -> str:

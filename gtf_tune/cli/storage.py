@@ -22,7 +22,10 @@ def check(json: Json = False, storage: Storage = DEFAULT_STORAGE) -> None:
     else:
         counts = {name: str(getattr(report, name)) for name in ("studies", "trials", "runs")}
         write_pairs({"revision": f"{report.revision} (Optuna {report.optuna_revision})", **counts})
-        for line in (*(f"problem: {one}" for one in report.problems), *(f"note: {one}" for one in report.notes)):
+        for line in (
+            *(f"problem: {problem}" for problem in report.problems),
+            *(f"note: {note}" for note in report.notes),
+        ):
             write_line(line)
     if report.problems:
         raise typer.Exit(1)

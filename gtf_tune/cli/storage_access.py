@@ -61,7 +61,7 @@ def storage_flag(database: "Database") -> str:
 
 
 def hush_optuna() -> None:
-    """Let Optuna speak of warnings only; gtf-tune says the rest in its own words."""
+    """Let Optuna log warnings only; gtf-tune reports the rest itself."""
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)

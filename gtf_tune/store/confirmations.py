@@ -14,7 +14,7 @@ from gtf_tune.store.database.session import columns_of, read_rows, write
 
 @dataclass(frozen=True)
 class Confirmation:
-    """Hold one confirmation: what was run, what came out, and the verdict in a word."""
+    """One confirmation: what was run, what came out, and the verdict in a word."""
 
     created_at: float
     definition: Mapping[str, Any]

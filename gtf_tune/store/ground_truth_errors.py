@@ -13,7 +13,7 @@ from gtf_tune.store.database.session import columns_of, read_rows, write
 
 @dataclass(frozen=True)
 class Validation:
-    """Hold the error against ground truth of one trial on one sequence, None where it could not be computed.
+    """The error against ground truth of one trial on one sequence, None where it could not be computed.
 
     ``metrics`` says which error it is (``metric``, ``unit``, ``definition``), of which runs, and what went wrong.
     """
@@ -33,8 +33,12 @@ def save(database: Database, trial_id: int, validations: Sequence[Validation]) -
 
     def work(session: Session) -> None:
         session.execute(delete(models.Validation).where(models.Validation.trial_id == trial_id))
-        for one in validations:
-            values = {"sequence_name": one.sequence_name, "value": one.value, "metrics": dict(one.metrics)}
+        for validation in validations:
+            values = {
+                "sequence_name": validation.sequence_name,
+                "value": validation.value,
+                "metrics": dict(validation.metrics),
+            }
             session.add(models.Validation(trial_id=trial_id, **values))
 
     write(database, work)

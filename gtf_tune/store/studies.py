@@ -22,7 +22,7 @@ complete yet, or never became so."""
 
 @dataclass(frozen=True)
 class StudySequence:
-    """Hold one sequence as it looked when the study was created; ``path`` is relative to the study's root."""
+    """One sequence as it looked when the study was created; ``path`` is relative to the study's root."""
 
     name: str
     path: str
@@ -38,7 +38,7 @@ class StudySequence:
 
 @dataclass(frozen=True)
 class NewStudy:
-    """Hold what a study starts with.
+    """What a study starts with.
 
     ``definition`` is the canonical JSON of the definition, ``resolved`` what it was resolved to (noise of each
     sequence, versions, nominal options), ``root`` the folder that the paths of the sequences are relative to.
@@ -54,7 +54,7 @@ class NewStudy:
 
 @dataclass(frozen=True)
 class Study:
-    """Hold a stored study; ``created_at`` is in seconds since 1970 UTC."""
+    """A stored study; ``created_at`` is in seconds since 1970 UTC."""
 
     id: int
     name: str
@@ -68,7 +68,7 @@ class Study:
 
 @dataclass(frozen=True)
 class StudySummary:
-    """Hold one line of a list of studies; values are None where there is no such trial yet, or it is infeasible."""
+    """One line of a list of studies; values are None where there is no such trial yet, or it is infeasible."""
 
     id: int
     name: str

@@ -310,10 +310,12 @@ class SequencePlaces:
         SequenceError
             A data root is given and a sequence is neither below it nor named.
         """
-        found = {one.name: self.named[one.name] for one in sequences if one.name in self.named}
+        found = {sequence.name: self.named[sequence.name] for sequence in sequences if sequence.name in self.named}
         if self.data_root is None:
             return found
-        return found | {one.name: _below(self.data_root, one) for one in sequences if one.name not in found}
+        return found | {
+            sequence.name: _below(self.data_root, sequence) for sequence in sequences if sequence.name not in found
+        }
 
 
 def folders_of(definition: StudyDefinition, root: Path, named: Mapping[str, Path]) -> dict[str, Path]:
@@ -324,14 +326,14 @@ def folders_of(definition: StudyDefinition, root: Path, named: Mapping[str, Path
     SequenceError
         ``named`` has a name that no sequence has, or a sequence does not lie where the study says.
     """
-    names = [one.name for one in definition.sequences]
+    names = [sequence.name for sequence in definition.sequences]
     for name in named:
         if name not in names:
             raise SequenceError(
                 f"study '{definition.name}' has no sequence '{name}', only {', '.join(names)}; name one of these",
                 remedy=("sequence", names[0]),
             )
-    return {one.name: folder_of(one, root, named) for one in definition.searched_sequences}
+    return {sequence.name: folder_of(sequence, root, named) for sequence in definition.searched_sequences}
 
 
 def folder_of(sequence: SequenceDefinition, root: Path, named: Mapping[str, Path]) -> Path:

@@ -13,7 +13,7 @@ from tests.study.conftest import write_sequence
 
 @dataclass(frozen=True)
 class Said:
-    """Hold what a command printed and its exit code."""
+    """What a command printed and its exit code."""
 
     code: int
     out: str

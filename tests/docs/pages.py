@@ -19,7 +19,7 @@ _INLINE = re.compile(r"`(gtf-tune [^`\n]+)`")
 
 @dataclass(frozen=True)
 class Snippet:
-    """Hold one thing that a page shows: a command line (``kind`` is "command") or a fenced block of a language."""
+    """One thing that a page shows: a command line (``kind`` is "command") or a fenced block of a language."""
 
     page: Path
     position: int

@@ -33,7 +33,7 @@ def test_the_commands_of_a_page_run_in_the_order_in_which_they_are_read(
 
 
 def _needs_another_place(shown: Snippet) -> bool:
-    """Tell whether a command changes the user's shell, serves for ever, or needs a server, a file of another page or
+    """Return True if a command changes the user's shell, serves for ever, or needs a server, a file of another page or
     ground truth, which the photographs of the guide do not have.
     """
     words = shown.arguments

@@ -12,7 +12,7 @@ import pytest
 
 @dataclass(frozen=True)
 class SmallDisk:
-    """Hold a mounted disk of a few megabytes."""
+    """A mounted disk of a few megabytes."""
 
     folder: Path
 

@@ -121,7 +121,7 @@ def _executor(plan: WorkerPlan) -> Executor:
 
 @dataclass
 class Disturbed:
-    """Hold a study that is worked on by processes which this test kills."""
+    """A study that is worked on by processes which this test kills."""
 
     storage: str
     room: Path
@@ -212,7 +212,7 @@ def stored(database: Database) -> set[str]:
 
 
 def is_running(process: psutil.Process) -> bool:
-    """Tell whether a process lives; one that ended but is not reaped yet does not."""
+    """Return True if a process lives; one that ended but is not reaped yet does not."""
     with suppress(psutil.NoSuchProcess):
         return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
     return False

@@ -18,7 +18,7 @@ from tests.store.conftest import _binaries, _run_as_postgres
 
 @dataclass(frozen=True)
 class RestartableServer:
-    """Hold a throw-away server that listens on every address of this machine, without passwords."""
+    """A throw-away server that listens on every address of this machine, without passwords."""
 
     binaries: Path
     folder: Path

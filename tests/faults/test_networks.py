@@ -17,7 +17,7 @@ HERE, THERE = "10.213.7.1", "10.213.7.2"
 
 @dataclass(frozen=True)
 class OtherHost:
-    """Hold a network namespace that is joined to this one by a cable."""
+    """A network namespace that is joined to this one by a cable."""
 
     name: str
 
@@ -79,7 +79,7 @@ def test_a_host_that_was_cut_off_does_not_overwrite_the_trial_that_another_took_
 
 
 def taken_over(storage: str) -> bool:
-    """Tell whether a trial that had a second owner is complete."""
+    """Return True if a trial that had a second owner is complete."""
     from gtf_tune.store import studies, trials
     from gtf_tune.store.database import open_database
     from tests.faults.disturbance import NAME

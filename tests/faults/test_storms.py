@@ -100,7 +100,7 @@ def middling_disk(tmp_path: Path) -> Iterator[SmallDisk]:
 
 
 def nobody_is_left(study: Disturbed) -> bool:
-    """Tell whether no process that was started for the study, whoever's child it is by now, still lives."""
+    """Return True if no process that was started for the study, whoever's child it is by now, still lives."""
     mark = str(study.log)
     return not any(mark in environment_of(one).values() and is_running(one) for one in psutil.process_iter())
 

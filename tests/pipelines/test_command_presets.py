@@ -42,7 +42,7 @@ ORB_OPTIONS = {"ORBextractor.nFeatures": 1500}
 
 @dataclass(frozen=True)
 class Expected:
-    """Hold what a preset is tried with and what must come of it; T, W and S stand for three folders."""
+    """What a preset is tried with and what must come of it; T, W and S stand for three folders."""
 
     settings: Mapping[str, Any]
     commands: str

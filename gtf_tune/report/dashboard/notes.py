@@ -93,9 +93,9 @@ def trial_note(data: StudyData, number: int) -> str:
     parts = [_score_line(point, points, data.improvement(number)), _changes(data, point)]
     if point.message:
         parts.append(f"**{plain(point.state)}**: {inline_code(point.message[:_LONGEST_REASON])}")
-    failures = [one for one in run_failures(data) if number in one.numbers]
+    failures = [failure for failure in run_failures(data) if number in failure.numbers]
     if failures:
-        rows = [(str(one.runs), inline_code(one.reason[:_LONGEST_REASON])) for one in failures]
+        rows = [(str(failure.runs), inline_code(failure.reason[:_LONGEST_REASON])) for failure in failures]
         parts += ["**Failed runs**", table([">runs", "reason"], rows)]
     return "\n\n".join(parts)
 
@@ -143,12 +143,12 @@ def _option_table(data: StudyData, chosen: dict[str, bool | int | float | str]) 
 def _sequence_table(data: StudyData) -> str:
     rows = [
         (
-            inline_code(one.name),
-            str(one.num_frames),
-            f"{one.width} x {one.height}",
-            "yes, never seen by the search" if one.has_ground_truth else "no",
+            inline_code(sequence.name),
+            str(sequence.num_frames),
+            f"{sequence.width} x {sequence.height}",
+            "yes, never seen by the search" if sequence.has_ground_truth else "no",
         )
-        for one in data.sequences
+        for sequence in data.sequences
     ]
     return table(["sequence", ">frames", ">size in px", "ground truth"], rows)
 

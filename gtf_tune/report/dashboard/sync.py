@@ -95,7 +95,7 @@ class DashboardSync:
             There is no such trial, or the database does not answer.
         """
         data = read_trials(self._database, self._name, [0, number])
-        trial = next(one for one in data.trials if one.number == number)
+        trial = next(trial for trial in data.trials if trial.number == number)
         if trial.optuna_trial_id is None:
             return
         writer = self._opened()
@@ -203,7 +203,7 @@ def _facts(data: StudyData) -> dict[str, str]:
     return {
         "read first": f"the page Note: /dashboard/studies/{data.study.optuna_study_id}/note",
         "pipeline": data.definition.pipeline.name,
-        "sequences": ", ".join(one.name for one in data.sequences),
+        "sequences": ", ".join(sequence.name for sequence in data.sequences),
         "verdict": data.recommendation.headline,
     }
 

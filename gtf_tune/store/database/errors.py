@@ -49,7 +49,7 @@ _QUERY_CANCELED = "57014"
 
 
 def is_transient(error: SQLAlchemyError) -> bool:
-    """Tell whether the same unit of work may succeed when it is done again.
+    """Return True if the same unit of work may succeed when it is done again.
 
     So it may after a lock, a dropped connection or a deadlock, and after another process inserted the same unique row:
     the unit then finds that row.

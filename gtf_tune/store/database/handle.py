@@ -25,7 +25,7 @@ _KNOCK_S = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Database:
-    """Hold the connections of one process to one database; every other process opens its own.
+    """The connections of one process to one database; every other process opens its own.
 
     ``engine`` writes. ``reader`` shares its connections, sees one consistent state per transaction and, on SQLite, does
     not wait for writers. Safe to use from several threads.

@@ -34,7 +34,7 @@ def _owned_by(target: str) -> Any:
 
 
 class Study(Base):
-    """Hold a study: its definition as written, and what it was resolved to when it was created."""
+    """A study: its definition as written, and what it was resolved to when it was created."""
 
     __tablename__ = "gtf_study"
 
@@ -49,7 +49,7 @@ class Study(Base):
 
 
 class Sequence(Base):
-    """Hold one sequence of a study, as it looked when the study was created."""
+    """One sequence of a study, as it looked when the study was created."""
 
     __tablename__ = "gtf_sequence"
     __table_args__ = (UniqueConstraint("study_id", "name"),)
@@ -112,7 +112,7 @@ class Trial(Base):
 
 
 class Run(Base):
-    """Hold one finished run of a pipeline: what identifies it and how it ended."""
+    """One finished run of a pipeline: what identifies it and how it ended."""
 
     __tablename__ = "gtf_run"
 
@@ -143,7 +143,7 @@ class Run(Base):
 
 
 class RunOutput(Base):
-    """Hold the large part of a run: its trajectory and the end of its log."""
+    """The large part of a run: its trajectory and the end of its log."""
 
     __tablename__ = "gtf_run_output"
 
@@ -166,7 +166,7 @@ class TrialRun(Base):
 
 
 class Validation(Base):
-    """Hold the side metric of one trial on one sequence; only reports read it.
+    """The side metric of one trial on one sequence; only reports read it.
 
     The column ``ate`` is named after the first side metric that there was; ``metrics`` says which one it holds.
     """
@@ -180,7 +180,7 @@ class Validation(Base):
 
 
 class Confirmation(Base):
-    """Hold one re-evaluation of a study's best settings with fresh seeds."""
+    """One re-evaluation of a study's best settings with fresh seeds."""
 
     __tablename__ = "gtf_confirmation"
 

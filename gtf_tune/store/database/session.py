@@ -81,7 +81,7 @@ _CHUNK = 500
 
 def columns_of(model: type, value_type: type) -> list[Any]:
     """Return the columns of a table that fill a value, in the order of its fields."""
-    return [getattr(model, one.name) for one in fields(value_type)]
+    return [getattr(model, field.name) for field in fields(value_type)]
 
 
 def table_of(model: type) -> Table:

@@ -83,7 +83,7 @@ def _copy_study_row(source: Database, target: Database, study: Study, optuna_id:
         if begun is not None:
             return int(begun)
         (new_id,) = _insert(session, _STUDY, [{**row, "optuna_study_id": optuna_id, "state": "copying"}])
-        _insert(session, _SEQUENCE, [{**one, "study_id": new_id} for one in sequences])
+        _insert(session, _SEQUENCE, [{**sequence, "study_id": new_id} for sequence in sequences])
         return new_id
 
     return write(target, work)
@@ -113,7 +113,7 @@ def _confirmed_keys(source: Database, study_id: int) -> list[str]:
 
 def _copy_some_runs(source: Database, target: Database, old_ids: Mapping[str, int]) -> dict[int, int]:
     runs = _rows(source, _RUN, _RUN.c.key.in_(old_ids))
-    outputs = {one["run_id"]: one for one in _rows(source, _OUTPUT, _OUTPUT.c.run_id.in_(old_ids.values()))}
+    outputs = {row["run_id"]: row for row in _rows(source, _OUTPUT, _OUTPUT.c.run_id.in_(old_ids.values()))}
     for run in runs:
         checked_trajectory(run["key"], run["trajectory_digest"], outputs[run["id"]]["trajectory"])
     write(target, lambda session: _add_runs(session, runs, outputs))
@@ -149,12 +149,16 @@ def _copy_trials(
     def work(session: Session) -> None:
         if session.scalar(select(_TRIAL.c.id).where(_TRIAL.c.study_id == new_study).limit(1)) is not None:
             return
-        copies = [_trial_copy(one, new_study, optuna_ids) for one in trials]
-        ids = dict(zip((one["id"] for one in trials), _insert(session, _TRIAL, copies), strict=True))
-        moved = [{**one, "trial_id": ids[one["trial_id"]], "run_id": run_ids[one["run_id"]]} for one in links]
+        copies = [_trial_copy(trial, new_study, optuna_ids) for trial in trials]
+        ids = dict(zip((trial["id"] for trial in trials), _insert(session, _TRIAL, copies), strict=True))
+        moved = [{**link, "trial_id": ids[link["trial_id"]], "run_id": run_ids[link["run_id"]]} for link in links]
         _insert(session, _TRIAL_RUN, moved)
-        _insert(session, _VALIDATION, [{**one, "trial_id": ids[one["trial_id"]]} for one in validations])
-        _insert(session, _CONFIRMATION, [{**one, "study_id": new_study} for one in confirmations])
+        _insert(
+            session,
+            _VALIDATION,
+            [{**validation, "trial_id": ids[validation["trial_id"]]} for validation in validations],
+        )
+        _insert(session, _CONFIRMATION, [{**confirmation, "study_id": new_study} for confirmation in confirmations])
 
     write(target, work)
 

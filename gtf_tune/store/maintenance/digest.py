@@ -17,7 +17,7 @@ def study_digest(database: Database, name: str) -> str:
     study = studies.get(database, name)
     return digest(
         {
-            "sequences": [[one.name, one.fingerprint] for one in studies.sequences(database, study.id)],
+            "sequences": [[sequence.name, sequence.fingerprint] for sequence in studies.sequences(database, study.id)],
             "trials": [
                 [one.number, one.options, one.state, one.value, one.gtf_ate, one.feasible]
                 for one in trials.of_study(database, study.id)

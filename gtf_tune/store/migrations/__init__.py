@@ -1,1 +1,1 @@
-"""Hold one migration per revision of gtf-tune's tables."""
+"""One migration per revision of gtf-tune's tables."""

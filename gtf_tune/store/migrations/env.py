@@ -7,7 +7,7 @@ from gtf_tune.store.database.schema import VERSION_TABLE
 
 
 def include_name(name: str | None, kind: str, parents: object) -> bool:
-    """Tell whether a table is ours; Optuna's tables live in the same database."""
+    """Return True if a table is ours; Optuna's tables live in the same database."""
     return kind != "table" or (name or "").startswith(TABLE_PREFIX)
 
 

@@ -107,8 +107,8 @@ def noise_scale(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseScale:
         There is no level, or none on which every run works.
     """
     base = _believed(floor, levels)
-    responses = [_response(one, base) for one in levels]
-    ratios = [_ratio(one, base) for one in levels]
+    responses = [_response(level, base) for level in levels]
+    ratios = [_ratio(level, base) for level in levels]
     linear = _linear_range(levels, responses)
     chosen, reason = _recommend(levels, ratios, linear)
     if base is not floor:
@@ -131,13 +131,13 @@ def noise_scale(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseScale:
 def is_open(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> bool:
     """Return True if stronger noise may change the recommendation: the linear range has not begun or not ended."""
     base = _believed(floor, levels)
-    linear = _linear_range(levels, [_response(one, base) for one in levels])
+    linear = _linear_range(levels, [_response(level, base) for level in levels])
     return not any(linear) or linear[-1]
 
 
 def _believed(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseLevel:
     """Return the floor, without its score where that contradicts those of the levels."""
-    least = min((one.score for one in levels if one.is_sound), default=math.inf)
+    least = min((level.score for level in levels if level.is_sound), default=math.inf)
     return replace(floor, score=math.nan) if floor.score > _CONTRADICTION * least else floor
 
 
@@ -184,7 +184,7 @@ def _recommend(levels: Sequence[NoiseLevel], ratios: Sequence[float], linear: Se
         return chosen, "the weakest noise with nearly the best ratio of signal to spread in the linear range"
     if good:
         return good[0][0], "the only noise in the linear range"
-    sound = [one for one in levels if one.is_sound]
+    sound = [level for level in levels if level.is_sound]
     visible = [one for one, ratio in zip(levels, ratios, strict=True) if one.is_sound and not math.isnan(ratio)]
     if visible:
         return visible[0], "the weakest noise that shows above run-to-run differences and leaves every run intact"

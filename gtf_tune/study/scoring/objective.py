@@ -64,7 +64,7 @@ def below(share: float, wanted: float) -> tuple[str, str]:
 
 def _dependable(coverages: Sequence[float]) -> float | None:
     """Return the least coverage of runs that did not lose the sequence; None where none worked."""
-    worked = [one for one in coverages if one > 0]
+    worked = [coverage for coverage in coverages if coverage > 0]
     if not worked:
         return None
     return min(one for one in worked if one >= LOST_BELOW * float(np.median(worked)))

@@ -54,7 +54,7 @@ class Rescored:
     @property
     def best(self) -> RescoredTrial | None:
         """Return the trial that ranks first now, ``None`` where none is feasible."""
-        return next((one for one in self.trials if one.rank == 1), None)
+        return next((trial for trial in self.trials if trial.rank == 1), None)
 
 
 def rescore(database: Database, name: str, changes: Mapping[str, Any]) -> Rescored:

@@ -31,7 +31,7 @@ def runs_saved(efforts: Iterable[Effort], definition: StudyDefinition) -> Saving
     """Return what stopping early has saved in the finished trials of a study."""
     gtf = definition.gtf
     each = (gtf.clean_runs + gtf.noisy_runs_max) * len(definition.searched_sequences)
-    finished = [one for one in efforts if one.state in ("complete", "pruned")]
+    finished = [effort for effort in efforts if effort.state in ("complete", "pruned")]
     stopped = sum(_spared(one, each) for one in finished if one.state == "pruned")
     infeasible = sum(_spared(one, each) for one in finished if one.state == "complete" and not one.feasible)
     asked = sum((one.clean_runs + one.noisy_runs) * one.count for one in finished)

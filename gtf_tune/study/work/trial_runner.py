@@ -161,7 +161,7 @@ class TrialRunner:
 
     def _position(self, number: int) -> int:
         """Return which trial of the search a trial is: those that were enqueued before it take no place in it."""
-        before = [one for one in enqueued_numbers(self.study.database, self.study.record.id) if one < number]
+        before = [other for other in enqueued_numbers(self.study.database, self.study.record.id) if other < number]
         return number - len(before)
 
     def _score(self, trial: Trial, scorer: TrialScorer) -> ScoredTrial:

@@ -1,1 +1,1 @@
-"""Hold the migrations, oldest first."""
+"""The migrations, oldest first."""
