@@ -186,9 +186,10 @@ def _incomparable(
         next(iter(reasons.items())),
     )
     names = (clean[i].source or f"clean trajectory {i}", noisy[j].source or f"noisy trajectory {j}")
+    called = [f"'{next(iter(run.names), '')}'" for run in (clean[i], noisy[j])]
     advice = {
         "timestamp": "; give both by the same clock in seconds, or a larger tolerance",
-        "name": "; give models of the same images under the same names",
+        "name": f"; give models of the same images under the same names, not {called[0]} and {called[1]}",
     }.get(association, "")
     return f"{names[0]} and {names[1]}, associated by {association}: {reason}{advice}"
 

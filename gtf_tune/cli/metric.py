@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -73,6 +74,8 @@ class Normalise(StrEnum):
     extent = "extent"
     none = "none"
 
+
+_ASSOCIATIONS = MappingProxyType({"order": "order, which is right only where each file has a pose of every frame"})
 
 Reference = Annotated[Path, typer.Argument(help="Reference trajectory (TUM, KITTI, EuRoC or COLMAP).")]
 Estimate = Annotated[Path, typer.Argument(help="Estimated trajectory.")]
@@ -204,7 +207,7 @@ def _write_score(score: "GtfAte") -> None:
         {
             "GTF ATE": f"{number(factor * score.value)} {unit}",
             "95 % interval": ends if known else "too few runs for an interval",
-            "associated by": score.association,
+            "associated by": _ASSOCIATIONS.get(score.association, score.association),
             "matched poses": f"{low}" if low == high else f"{low} to {high}",
             "collapsed": f"{score.collapsed.sum()} of {score.collapsed.size} noisy trajectories",
         }

@@ -123,7 +123,7 @@ def _described(report: "SequenceReport") -> dict[str, str]:
     timing = f", {report.rate_hz:.3g} Hz over {duration(report.duration_s)}" if report.rate_hz else ", no timestamps"
     camera = "unknown; the pipeline will estimate them"
     if report.focal_prior is not None:
-        camera = f"unknown; glomap and colmap start from the focal length in EXIF, {number(report.focal_prior)} pixels"
+        camera = f"unknown; glomap and colmap start from a focal length of {number(report.focal_prior)} pixels"
     if report.camera is not None:
         params = " ".join(number(value) for value in report.camera.params)
         camera = f"{report.camera.model} {params} (field of view {report.field_of_view_deg:.0f} degrees)"

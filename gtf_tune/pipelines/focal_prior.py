@@ -12,11 +12,13 @@ if TYPE_CHECKING:  # whoever only reads studies needs no images
 def with_focal_prior(sequence: "Sequence", pipeline: Pipeline) -> "Sequence":
     """Return a sequence of unknown intrinsics with the focal length that the pipeline starts from.
 
-    A pipeline that reads focal lengths from image files has a method ``focal_prior(sequence)``, which returns one in
-    pixels of the images that it will see, or ``None``. The sequence is returned as it is where nothing is found or the
-    intrinsics are known.
+    A pipeline that starts from focal lengths has a method ``focal_prior(sequence)``, which returns what it reads in
+    image files, in pixels of the images that it will see, or ``None``. What the data set knows comes first. The
+    sequence is returned as it is where nothing is found or the intrinsics are known.
     """
     read = getattr(pipeline, "focal_prior", None)
-    if sequence.camera is not None or read is None:
+    if sequence.camera is not None:
         return sequence
-    return replace(sequence, focal_prior=read(sequence))
+    if read is None:
+        return sequence if sequence.focal_prior is None else replace(sequence, focal_prior=None)
+    return replace(sequence, focal_prior=sequence.focal_prior or read(sequence))

@@ -55,7 +55,7 @@ def pair_content(ids: tuple[int, int], first: GreyImage, second: GreyImage) -> P
     """Measure two successive images with these frame ids, by ORB features and one homography."""
     if np.array_equal(first, second):
         return PairContent(*ids, matches=0, shift_px=0.0, identical=True)
-    a, b = _match(first, second)
+    a, b = match_features(first, second)
     if len(a) < _FEWEST_MATCHES:
         return PairContent(*ids, matches=len(a))
     homography, inliers = cv2.findHomography(a, b, cv2.RANSAC, _RANSAC_PX)
@@ -64,7 +64,7 @@ def pair_content(ids: tuple[int, int], first: GreyImage, second: GreyImage) -> P
     return PairContent(*ids, matches=len(a), shift_px=shift, homography=homography if explains else None)
 
 
-def _match(first: GreyImage, second: GreyImage) -> tuple[Points, Points]:
+def match_features(first: GreyImage, second: GreyImage) -> tuple[Points, Points]:
     """Return matched points (n, 2) in pixels."""
     orb = cv2.ORB.create(_ORB_FEATURES)
     (points_a, found_a), (points_b, found_b) = (orb.detectAndCompute(grey, None) for grey in (first, second))

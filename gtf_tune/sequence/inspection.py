@@ -123,6 +123,8 @@ def say_notes(sequence: Sequence, say: Callable[[str], None], *, named: bool = F
         prior = sequence.focal_prior
         start = f"starts from a focal length of {prior:.4g} pixels" if prior else "estimates them"
         notes.append(f"intrinsics are unknown; the pipeline {start}")
+    else:
+        notes += _warn_of_camera(sequence)
     of = f"sequence '{sequence.name}': " if named else ""
     for note in notes:
         say(f"note: {of}{note}")

@@ -13,8 +13,19 @@ from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.image_formats import CLASSIC_SUFFIXES, IMAGE_SUFFIXES
 from gtf_tune.sequence.images import image_size
-from gtf_tune.sequence.layouts.base import Layout, Notes, Reading, Recording, SharedCamera, naming, shared_camera
-from gtf_tune.sequence.layouts.registry import AUTO, find_layout
+from gtf_tune.sequence.layouts.base import (
+    UNKNOWN,
+    Intrinsics,
+    Layout,
+    Notes,
+    Reading,
+    Recording,
+    naming,
+    shared_camera,
+)
+from gtf_tune.sequence.layouts.folder import FOLDER, maps_among
+from gtf_tune.sequence.layouts.kalibr import chain_intrinsics, find_chain
+from gtf_tune.sequence.layouts.registry import AUTO, find_layout, layout_above
 from gtf_tune.sequence.selection import Selection
 from gtf_tune.sequence.value import Frame, Sequence
 from gtf_tune.trajectory import Trajectory
@@ -23,7 +34,7 @@ from gtf_tune.trajectory.alignment import MIN_MATCHED
 FEWEST_FRAMES = MIN_MATCHED
 """Frames that a sequence must have to be worked on: with fewer, no two trajectories can be compared."""
 
-Intrinsics = Camera | Literal["auto", "unknown"]
+CameraChoice = Camera | Literal["auto", "unknown"]
 
 _ALL = Selection()
 _BY_FILES: Literal["auto"] = "auto"
@@ -34,7 +45,7 @@ def load_sequence(
     name: str | None = None,
     layout: str = AUTO,
     selection: Selection = _ALL,
-    camera: Intrinsics = _BY_FILES,
+    camera: CameraChoice = _BY_FILES,
     fewest: int = 1,
 ) -> Sequence:
     """Return the sequence found at a path.
@@ -68,14 +79,17 @@ def load_sequence(
         raise SequenceError(f"{root}: there is no such file or folder; check the path")
     found = find_layout(root, layout, recursive=selection.recursive)
     recording = _read(found, root, selection)
-    shared = shared_camera(recording, selection.rules) if camera == "auto" else SharedCamera(recording.frames)
+    intrinsics, chain = _intrinsics(recording, root) if camera == "auto" else (UNKNOWN, ())
+    shared = shared_camera(recording.frames, intrinsics, selection.rules)
     frames = _select(recording, shared.frames, selection, root)
     _require(fewest, frames, recording, root)
-    stored = _common_size(frames)
+    with naming(root):
+        stored = _common_size(frames)
     known = shared.camera if isinstance(camera, str) else camera
     with naming(root):
         fitted = known.fitted(*stored) if known else None
     width, height = selection.image_size(*stored)
+    read = (*recording.files, *chain)
     return Sequence(
         name=name or root.name,
         root=root,
@@ -87,7 +101,14 @@ def load_sequence(
         ground_truth=_restricted(recording.ground_truth, frames),
         stored_size=stored,
         has_timestamps=recording.has_timestamps,
-        notes=(*recording.notes, *shared.notes, *_resized(known, stored), *unread_files(root, recording.files)),
+        notes=(
+            *recording.notes,
+            *shared.notes,
+            *_resized(known, stored),
+            *_of_folder(found, root, frames),
+            *unread_files(root, read),
+        ),
+        focal_prior=shared.focal_prior * width / stored[0] if shared.focal_prior else None,
     )
 
 
@@ -98,6 +119,24 @@ def _read(layout: Layout, root: Path, selection: Selection) -> Recording:
     except OSError as error:
         reason = f"{error.filename or root}: cannot be read as layout '{layout.name}' ({error.strerror})"
         raise SequenceError(f"{reason}; check the path and its permissions") from error
+
+
+def _intrinsics(recording: Recording, root: Path) -> tuple[Intrinsics, tuple[Path, ...]]:
+    """Return what the layout's files say about the camera, else what a calibration of Kalibr does, and its file."""
+    own = recording.read_intrinsics()
+    chain = find_chain(root) if own is UNKNOWN else None
+    return (chain_intrinsics(chain, root.name), (chain,)) if chain else (own, ())
+
+
+def _of_folder(layout: Layout, root: Path, frames: tuple[Frame, ...]) -> Notes:
+    """Return notes on a plain folder that is part of a data set, or holds more than photographs."""
+    if layout.name != FOLDER.name:
+        return ()
+    above = layout_above(root)
+    if above is None:
+        return maps_among(frames)
+    name, folder = above
+    return (f"{folder} looks like layout '{name}': give that folder to use its camera and poses", *maps_among(frames))
 
 
 def _resized(camera: Camera | None, stored: tuple[int, int]) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ _FEWEST_NAMES = 4
 """A comment that names fewer parts of a pose than this is prose that happens to have as many words as columns."""
 
 _SHORTEST_UNIT = 3
+_DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+(,[0-9]+)?")
 _BRACKETS = re.compile(r"\s*[\[(]([^\])]*)[\])]")
 _UNITS = MappingProxyType(
     {
@@ -133,6 +134,9 @@ def _is_number(token: str) -> bool:
 
 
 def _separator(line: str) -> str | None:
+    words = line.split()
+    if len(words) > 1 and all(_DECIMAL_COMMA.fullmatch(word) for word in words):
+        return None
     return next((separator for separator in (";", ",") if separator in line), None)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from gtf_tune.errors import TrajectoryError
 from gtf_tune.trajectory.colmap import read_colmap
 from gtf_tune.trajectory.columns import read_table
-from gtf_tune.trajectory.formats import TextLayout, read_euroc, read_kitti, read_text, read_tum
+from gtf_tune.trajectory.formats import KITTI_COLUMNS, TextLayout, read_euroc, read_kitti, read_text, read_tum
 from gtf_tune.trajectory.value import Trajectory
 
 TrajectoryFormat = Literal["auto", "tum", "kitti", "euroc", "colmap"]
@@ -20,7 +20,7 @@ TrajectoryFormat = Literal["auto", "tum", "kitti", "euroc", "colmap"]
 _READERS: Mapping[str, Callable[[Path, TextLayout], Trajectory]] = MappingProxyType(
     {"tum": read_tum, "kitti": read_kitti, "euroc": read_euroc, "colmap": lambda path, _: read_colmap(path)}
 )
-_TUM_COLUMNS, _KITTI_COLUMNS, _EUROC_COLUMNS = 8, 12, 17
+_TUM_COLUMNS, _EUROC_COLUMNS = 8, 17
 
 
 def read_trajectory(
@@ -66,11 +66,11 @@ def detected_format(path: Path, delimiter: str | None = None) -> str:
         return "colmap"
     table = read_table(read_text(path), path, delimiter)
     where, first = table.rows[0]
-    if len(first) == _KITTI_COLUMNS:
-        return "kitti"
     named = table.named_columns()
     if named:
         return "euroc" if table.separator == "," and first[named.order[0]].isdigit() else "tum"
+    if len(first) in KITTI_COLUMNS:
+        return "kitti"
     if table.separator == "," and len(first) == _EUROC_COLUMNS:
         return "euroc"
     if len(first) != _TUM_COLUMNS:

@@ -22,8 +22,11 @@ _TUM = Columns(tuple(range(8)))
 _EUROC = Columns((0, 1, 2, 3, 5, 6, 7, 4), "ns")
 _TUM_EXPECTED = "8 numbers 'timestamp tx ty tz qx qy qz qw'"
 _EUROC_EXPECTED = "at least 8 columns 'timestamp [ns], px, py, pz, qw, qx, qy, qz'"
-_KITTI_COLUMNS = 12
+KITTI_COLUMNS = (12, 16)
+"""How many columns a file of matrices has: 3x4, or 4x4 as some programs write them."""
+
 _LARGEST_COSINE = 1 + UNIT_TOLERANCE
+_DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 
 PER_SECOND = MappingProxyType({"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000})
 _EPOCH_S = (1e8, 5e9)
@@ -89,7 +92,10 @@ def read_euroc(path: Path, layout: TextLayout = _USUAL) -> Trajectory:
 
 
 def read_kitti(path: Path, layout: TextLayout = _USUAL) -> Trajectory:
-    """Read lines of the 12 numbers of a (3, 4) matrix world_from_camera, row by row; frame ids only count the lines."""
+    """Read lines of the 12 numbers of a (3, 4) matrix world_from_camera, row by row; frame ids only count the lines.
+
+    Lines of the 16 numbers of a (4, 4) matrix are read too.
+    """
     table = read_table(read_text(path), path, layout.delimiter)
     matrices = np.array([_kitti_matrix(where, tokens) for where, tokens in table.rows])
     turns = [_quaternion(matrix[:, :3], where) for matrix, (where, _) in zip(matrices, table.rows, strict=True)]
@@ -144,7 +150,8 @@ def finite_numbers(tokens: list[str], where: str, expected: str) -> tuple[float,
     try:
         numbers = tuple(float(token) for token in tokens)
     except ValueError as error:
-        raise TrajectoryError(f"{where}: expected {expected} ({error})") from error
+        hint = "; write decimal points, not commas" if any(map(_DECIMAL_COMMA.fullmatch, tokens)) else ""
+        raise TrajectoryError(f"{where}: expected {expected} ({error}){hint}") from error
     if not all(math.isfinite(number) for number in numbers):
         raise TrajectoryError(f"{where}: expected {expected}, but a number is NaN or infinite; drop the line")
     return numbers
@@ -211,10 +218,8 @@ def _not_later(earlier: tuple[str, str], later: tuple[str, str], sorted_: bool) 
     where, text = later
     if sorted_:
         return _too_many_digits(where, f"{earlier[1]} and {text} need")
-    return TrajectoryError(
-        f"{where}: expected a later timestamp than the {earlier[1]} before it, not {text}; sort the file and drop "
-        "duplicates"
-    )
+    same = "drop the line, or write times with all their digits" if text == earlier[1] else "sort the file"
+    return TrajectoryError(f"{where}: expected a later timestamp than the {earlier[1]} before it, not {text}; {same}")
 
 
 def _too_many_digits(where: str, numbers: str) -> TrajectoryError:
@@ -229,10 +234,13 @@ def _is_whole(text: str) -> bool:
 
 
 def _kitti_matrix(where: str, tokens: list[str]) -> FloatArray:
-    expected = f"the {_KITTI_COLUMNS} numbers of a 3x4 matrix"
-    if len(tokens) != _KITTI_COLUMNS:
+    expected = f"the {KITTI_COLUMNS[0]} numbers of a 3x4 matrix"
+    if len(tokens) not in KITTI_COLUMNS:
         raise TrajectoryError(f"{where}: expected {expected}, not {len(tokens)} columns")
-    return np.array(finite_numbers(tokens, where, expected)).reshape(3, 4)
+    matrix = np.array(finite_numbers(tokens, where, expected)).reshape(-1, 4)
+    if not np.array_equal(matrix[3:], np.eye(4)[3 : len(matrix)]):
+        raise TrajectoryError(f"{where}: expected 0 0 0 1 as the last row of a 4x4 matrix, not another one")
+    return matrix[:3]
 
 
 def _quaternion(matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]], where: str) -> tuple[float, ...]:

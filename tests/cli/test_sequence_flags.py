@@ -74,5 +74,5 @@ def test_inspect_says_what_exif_is_used_for(cli: Cli, tmp_path: Path) -> None:
 
     said = cli("sequence", "inspect", "walk").out
 
-    assert "glomap and colmap start from the focal length in EXIF" in " ".join(said.split())
+    assert "glomap and colmap start from a focal length of" in " ".join(said.split())
     assert "EXIF asks to turn 4 of 4 images" in said

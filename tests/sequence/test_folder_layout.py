@@ -175,3 +175,12 @@ def test_fingerprint_is_computed_once_even_across_processes(tmp_path, write_imag
 
     assert sequence.fingerprint == before
     assert pickle.loads(pickle.dumps(sequence)).fingerprint == before
+
+
+def test_depth_maps_and_masks_among_photographs_are_noted(tmp_path, write_images):
+    write_images(tmp_path, ["a_0.png", "a_1.png", "a_0_depth.png", "a_1_mask_0001.png", "unmasked.png"])
+
+    (note,) = load_sequence(tmp_path).notes
+
+    assert note == "2 images are called like depth maps or masks, such as a_0_depth.png: leave them out with exclude"
+    assert load_sequence(tmp_path, selection=Selection(exclude=("*_depth*", "*_mask*"))).notes == ()

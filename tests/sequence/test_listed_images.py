@@ -1,6 +1,7 @@
 """Names of images in lists that come from another machine."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -87,3 +88,14 @@ def test_two_names_of_one_image_are_refused(tmp_path):
 
     with pytest.raises(SequenceError, match=r"rgb\.txt: lists the image 0\.png twice"):
         load_sequence(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["\n", "a\nb.png", "\x7f.png"])
+def test_names_with_control_characters_are_refused_in_one_line(tmp_path, name):
+    miniatures.nerf(tmp_path)
+    path = tmp_path / "transforms.json"
+    path.write_text(path.read_text().replace('"images/0.png"', json.dumps(name)))
+
+    with pytest.raises(SequenceError, match=r"transforms\.json: expected the name of an image, found") as caught:
+        load_sequence(tmp_path)
+    assert not re.search(r"[\x00-\x1f\x7f]", str(caught.value))

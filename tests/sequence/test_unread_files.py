@@ -25,7 +25,6 @@ NOTE = "files that may describe camera or poses and are not read: "
         "trajectory.txt",
         "times.txt",
         "timestamps.csv",
-        "database.db",
         "sparse/camera_info.xml",
     ],
 )

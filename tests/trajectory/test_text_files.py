@@ -185,3 +185,42 @@ def test_any_bytes_are_read_or_refused(tmp_path, content):
         except TrajectoryError:
             continue
         assert len(trajectory) > 0
+
+
+def test_kitti_files_may_hold_whole_matrices(tmp_path):
+    path = tmp_path / "poses.txt"
+    write_kitti(random_trajectory(4), path)
+    expected = read_trajectory(path)
+    path.write_text("".join(f"{line} 0 0 0 1\n" for line in path.read_text().splitlines()))
+
+    np.testing.assert_array_equal(read_trajectory(path).positions, expected.positions)
+    path.write_text(path.read_text().replace("0 0 0 1\n", "0 0 1 0\n"))
+    with pytest.raises(TrajectoryError, match=r"line 1: expected 0 0 0 1 as the last row of a 4x4 matrix"):
+        read_trajectory(path)
+
+
+def test_a_header_counts_more_than_the_number_of_columns(tmp_path):
+    path = tmp_path / "odometry.csv"
+    header = "time,seq,stamp,frame,x,y,z,qx,qy,qz,qw,covariance"
+    path.write_text(header + "\n" + "".join(f"{n},{n},{n},{n},{n},0,0,0,0,0,1,7\n" for n in range(4)))
+
+    trajectory = read_trajectory(path)
+
+    assert trajectory.positions[:, 0].tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("lines", "hint"),
+    [
+        (["0,5 1,0 0 0 0 0 0 1,0"], "write decimal points, not commas"),
+        (["0,5;1,0;0;0;0;0;0;1,0"], "write decimal points, not commas"),
+        (["1.4e18 0 0 0 0 0 0 1", "1.4e18 1 0 0 0 0 0 1"], "drop the line, or write times with all their digits"),
+        (["2 0 0 0 0 0 0 1", "1 1 0 0 0 0 0 1"], "sort the file"),
+    ],
+)
+def test_what_other_programs_write_is_refused_with_what_to_do(tmp_path, lines, hint):
+    path = tmp_path / "poses.txt"
+    path.write_text("\n".join(lines))
+
+    with pytest.raises(TrajectoryError, match=f"{hint}$"):
+        read_trajectory(path)

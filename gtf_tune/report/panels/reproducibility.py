@@ -108,7 +108,7 @@ def reproducibility_panel(report: ReportInput) -> list[Block]:
 def _camera_words(sequence: StudySequence) -> str:
     """Return the intrinsics that a sequence began with, or the focal length that runs start from."""
     prior = sequence.info.get("focal_prior")
-    return sequence.camera if prior is None else f"{sequence.camera}, from {prior:.1f} pixels in EXIF"
+    return sequence.camera if prior is None else f"{sequence.camera}, from a focal length of {prior:.1f} pixels"
 
 
 def _versions(data: StudyData) -> tuple[tuple[str, str], ...]:

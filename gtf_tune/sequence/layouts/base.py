@@ -25,11 +25,13 @@ class Intrinsics:
     """What a data set's files say about its camera.
 
     ``cameras`` has one for all frames, or one for each frame; ``None`` is a camera that the files do not describe. A
-    camera may be for another resolution of the same images. ``notes`` say what was found odd.
+    camera may be for another resolution of the same images. ``notes`` say what was found odd. ``focal_prior`` is a
+    focal length in pixels of the stored images, to start from where the camera is unknown.
     """
 
     cameras: tuple[Camera | None, ...] = (None,)
     notes: tuple[str, ...] = ()
+    focal_prior: float | None = None
 
 
 UNKNOWN = Intrinsics()
@@ -111,43 +113,38 @@ _NAMED = 5
 
 @dataclass(frozen=True)
 class SharedCamera:
-    """Frames that share one camera, that camera where it is known, and notes on the frames that have another one."""
+    """Frames that share one camera, that camera or its focal length where it is known, and notes on other frames."""
 
     frames: tuple[Frame, ...]
     camera: Camera | None = None
     notes: tuple[str, ...] = ()
+    focal_prior: float | None = None
 
 
-def shared_camera(recording: Recording, rules: int) -> SharedCamera:
+def shared_camera(frames: tuple[Frame, ...], intrinsics: Intrinsics, rules: int) -> SharedCamera:
     """Return the largest group of frames with one camera, as far as the data set says.
 
     Where hardly two frames share a camera, as in models with intrinsics for each image, all frames are kept and the
     camera counts as unknown; under rules 1 it always did.
-
-    Raises
-    ------
-    SequenceError
-        The calibration cannot be read or used.
     """
-    intrinsics = recording.read_intrinsics()
     if len(intrinsics.cameras) == 1:
-        return SharedCamera(recording.frames, intrinsics.cameras[0], intrinsics.notes)
+        return SharedCamera(frames, intrinsics.cameras[0], intrinsics.notes, intrinsics.focal_prior)
     groups = _groups(intrinsics.cameras)
     camera, positions = max(groups.items(), key=lambda group: (group[0] is not None, len(group[1])))
     if len(groups) == 1:
-        return SharedCamera(recording.frames, camera, intrinsics.notes)
-    few = len(positions) < MIN_MATCHED or len(groups) * MIN_MATCHED > len(recording.frames)
+        return SharedCamera(frames, camera, intrinsics.notes)
+    few = len(positions) < MIN_MATCHED or len(groups) * MIN_MATCHED > len(frames)
     if rules == 1 or few:
         note = f"the images have {len(groups)} different intrinsics, so they count as unknown"
-        return SharedCamera(recording.frames, None, (*intrinsics.notes, note))
+        return SharedCamera(frames, None, (*intrinsics.notes, note))
     kept = set(positions)
-    others = [frame.path.name for position, frame in enumerate(recording.frames) if position not in kept]
+    others = [frame.path.name for position, frame in enumerate(frames) if position not in kept]
     named = ", ".join(others[:_NAMED]) + (f" and {len(others) - _NAMED} more" if len(others) > _NAMED else "")
     note = (
         f"the images have {len(groups)} different intrinsics; {len(kept)} that share one camera are used, "
         f"{len(others)} are left out: {named}"
     )
-    return SharedCamera(tuple(recording.frames[position] for position in positions), camera, (*intrinsics.notes, note))
+    return SharedCamera(tuple(frames[position] for position in positions), camera, (*intrinsics.notes, note))
 
 
 def _groups(cameras: Items[Camera | None]) -> dict[Camera | None, list[int]]:

@@ -104,10 +104,10 @@ def _read_intrinsics(path: Path) -> Intrinsics:
     others = values.others(_SENSOR_KEYS)
     notes = (f"{path.name} has keys that are not read: {', '.join(others)}",) if others else ()
     with naming(path):
-        return one_camera(_sensor_camera(values), *notes)
+        return one_camera(sensor_camera(values), *notes)
 
 
-def _sensor_camera(values: Field) -> Camera:
+def sensor_camera(values: Field) -> Camera:
     """Return the camera of a sensor.yaml, or of one camera in Kalibr's chain, which has other names for some keys."""
     width, height = values["resolution"].counts(2)
     kind = values["camera_model"].text().lower() if "camera_model" in values else "pinhole"

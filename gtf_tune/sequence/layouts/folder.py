@@ -1,5 +1,6 @@
 """Read a plain folder of images, with its subfolders or without."""
 
+import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
@@ -16,9 +17,11 @@ from gtf_tune.sequence.image_formats import (
     is_image,
 )
 from gtf_tune.sequence.layouts.base import Layout, Notes, Reading, Recording
+from gtf_tune.sequence.layouts.colmap_database import database_intrinsics, database_of
 from gtf_tune.sequence.value import Frame
 
 _NAMED_FOLDERS = 4
+_MAP = re.compile(r"(^|[_.-])(depth|disp|disparity|masks?|normals?|seg|segmentation)([_.-]|$)", re.IGNORECASE)
 _MOST_FOLDERS = 1000
 
 
@@ -70,7 +73,14 @@ def _read(root: Path, reading: Reading) -> Recording:
     notes = (
         [f"photographs that are left out because their format is not read: {unread}; convert them"] if unread else []
     )
-    return Recording(counted_frames(images), has_timestamps=False, notes=(*notes, *_below(root, reading)))
+    frames, database = counted_frames(images), database_of(root)
+    return Recording(
+        frames,
+        lambda: database_intrinsics(database, frames),
+        has_timestamps=False,
+        notes=(*notes, *_below(root, reading)),
+        files=(database,),
+    )
 
 
 def _without_doubles(images: list[Path]) -> list[Path]:
@@ -104,6 +114,14 @@ def _entries(folder: Path) -> list[Path]:
         return list(folder.iterdir())
     except OSError as error:
         raise SequenceError(f"{folder}: cannot list the folder ({error.strerror}); check its permissions") from error
+
+
+def maps_among(frames: tuple[Frame, ...]) -> Notes:
+    """Return a note on images that are called like depth maps or masks of others."""
+    maps = [frame.path.name for frame in frames if _MAP.search(frame.path.stem)]
+    if not 0 < len(maps) < len(frames):
+        return ()
+    return (f"{len(maps)} images are called like depth maps or masks, such as {maps[0]}: leave them out with exclude",)
 
 
 def unread_photographs(folder: Path, read: Collection[str] = (), suffixes: Collection[str] = IMAGE_SUFFIXES) -> str:

@@ -21,6 +21,8 @@ _NUMBER = re.compile(r"[0-9]{1,18}")
 _UPRIGHT = np.array([[0.0, 0.0, 0.0, 1.0]])
 _ORTHOGONALITY_TOLERANCE = 1e-3
 _FARTHEST = 1e100
+_HALF = 0.5
+_DRIFT = 0.02  # by which the rate of a recording may change
 
 
 def poses_by_timestamp(frames: Frames, poses: Trajectory, source: Path) -> tuple[Trajectory | None, Notes]:
@@ -60,8 +62,19 @@ def poses_by_line(frames: Frames, poses: Trajectory, source: Path) -> tuple[Traj
     lines = np.array([int(name) if _NUMBER.fullmatch(name) else -1 for name in names], dtype=np.int64)
     if lines.min() < 0 or lines.max() >= len(poses) or (np.diff(lines) <= 0).any():
         return None, (f"{counts}, and their names do not say which belong together: no ground truth is used",)
+    if _were_renumbered(lines, np.array([frame.timestamp for frame in frames]), len(poses)):
+        return None, (f"{counts}, and the numbers of the images contradict their times: no ground truth is used",)
     truth = _trajectory(frames, np.arange(len(frames)), poses.positions[lines], poses.quaternions[lines])
     return truth, (f"{counts}: each image has the pose in the line of its number",)
+
+
+def _were_renumbered(lines: NDArray[np.int64], times: NDArray[np.float64], num_lines: int) -> bool:
+    """Return True if times that count from the first line are later than the numbers of the images say."""
+    if len(lines) < 2:
+        return False
+    step = float(np.median(np.diff(times)) / np.median(np.diff(lines)))
+    usual = lines[0] * step
+    return bool(times[0] < num_lines * step and times[0] - usual > _HALF * step + _DRIFT * usual)
 
 
 def poses_from_matrices(frames: Frames, world_from_camera: NDArray[np.float64], source: Path) -> Trajectory | None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from gtf_tune.errors import SequenceError
+from gtf_tune.sequence.image_formats import is_image
 from gtf_tune.sequence.layouts.base import check_unique
 from gtf_tune.sequence.layouts.tables import find_listed, parse_number, read_text, shortened, to_nanoseconds, to_numbers
 from gtf_tune.sequence.value import Frame
@@ -14,6 +15,7 @@ from gtf_tune.trajectory.formats import PER_SECOND, epoch_unit
 
 _SEPARATOR = re.compile(r"\s*[,;]\s*|\s+")
 _LONGEST_WHOLE = 30
+_ASSOCIATED = 3
 
 
 @dataclass(frozen=True)
@@ -63,8 +65,13 @@ def _read_list(path: Path) -> _List:
 
 
 def _cut(content: str, time: int, where: str) -> tuple[str, str]:
-    """Return time and image of a line; only the name of the image may contain what separates them."""
+    """Return time and image of a line; only the name of the image may contain what separates them.
+
+    Of a line ``time image time depth`` the first two count.
+    """
     places = list(_SEPARATOR.finditer(content))
+    if len(places) == _ASSOCIATED and is_image(Path(content[places[0].end() : places[1].start()])):
+        content, places = content[: places[1].start()], places[:1]
     if not places or not content[places[0].end() :]:
         raise SequenceError(f"{where}: expected 'timestamp image', found '{shortened(content)}'; correct the line")
     place = places[-1 if time else 0]

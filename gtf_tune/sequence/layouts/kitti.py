@@ -42,8 +42,9 @@ def _read(root: Path, _: Reading) -> Recording:
 
     def read_intrinsics() -> Intrinsics:
         projection = _read_projection(calibration, _IMAGE_FOLDERS[folder])
+        size = image_size(frames[0].path)
         with naming(calibration):
-            camera = pinhole_from_matrix(projection, image_size(frames[0].path))
+            camera = pinhole_from_matrix(projection, size)
         return one_camera(camera, *_unread_lines(calibration))
 
     files = (root / "times.txt", calibration, *((poses,) if poses else ()))

@@ -21,7 +21,7 @@ _NAMES = ("transforms.json", "transforms_train.json")
 # Signs of the columns: from OpenGL's camera axes (right, up, backward) to OpenCV's (right, down, forward).
 _OPENGL_FROM_OPENCV = np.array([1.0, -1, -1, 1])
 
-# What trains or draws a radiance field, and bears neither on camera nor on poses.
+# What trains or draws a radiance field, or moved the whole world; it bears neither on camera nor on poses.
 _OTHER_KEYS = frozenset(
     [
         "frames",
@@ -42,6 +42,8 @@ _OTHER_KEYS = frozenset(
         "integer_depth_scale",
         "enable_depth_loading",
         "n_extra_learnable_dims",
+        "applied_transform",
+        "applied_scale",
         "rotation",
         "white_transparent",
         "black_transparent",

@@ -16,6 +16,7 @@ from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory
 
 _RATE_HZ = 30.0
+_NUMBER = re.compile(r"[0-9]{1,18}")
 
 # The Kinect's nominal calibration, which the 7-Scenes page gives for both of its cameras.
 _SEVEN_SCENES_CAMERA = pinhole_from_opencv((585.0, 585.0), (320.0, 240.0), (640, 480))
@@ -29,22 +30,35 @@ def _read_seven_scenes(root: Path, _: Reading) -> Recording:
 
 def _read_scannet(root: Path, _: Reading) -> Recording:
     frames = _numbered_frames(root / "color", "*")
-    poses = tuple(root / "pose" / f"{frame.path.stem}.txt" for frame in frames)
+    poses = _pose_files(root / "pose", frames)
     ground_truth = _read_poses(frames, poses) if (root / "pose").is_dir() else None
+    lost = ground_truth is None and any((root / "pose").glob("*.txt"))
     calibration = root / "intrinsic" / "intrinsic_color.txt"
 
     def read_intrinsics() -> Intrinsics:
         return one_camera(_scannet_camera(calibration, frames[0].path))
 
-    return Recording(frames, read_intrinsics, ground_truth, files=(calibration, *poses))
+    notes = ("pose/ has poses, but none that is called like an image and finite",) if lost else ()
+    return Recording(frames, read_intrinsics, ground_truth, notes=notes, files=(calibration, *poses))
+
+
+def _pose_files(folder: Path, frames: tuple[Frame, ...]) -> tuple[Path, ...]:
+    """Return the pose file of each image, of its name or of its number: 20.txt suits 000020.jpg."""
+    numbered = {int(path.stem): path for path in folder.glob("*.txt") if _NUMBER.fullmatch(path.stem)}
+    return tuple(
+        numbered.get(int(frame.path.stem), folder / f"{frame.path.stem}.txt")
+        if _NUMBER.fullmatch(frame.path.stem)
+        else folder / f"{frame.path.stem}.txt"
+        for frame in frames
+    )
 
 
 def _scannet_camera(path: Path, image: Path) -> Camera | None:
     if not path.is_file():
         return None
-    matrix = read_matrix(path, 3, 4)
+    matrix, size = read_matrix(path, 3, 4), image_size(image)
     with naming(path):
-        return pinhole_from_matrix(matrix, image_size(image))
+        return pinhole_from_matrix(matrix, size)
 
 
 def _numbered_frames(folder: Path, pattern: str) -> tuple[Frame, ...]:

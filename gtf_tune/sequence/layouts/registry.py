@@ -1,5 +1,6 @@
 """Find the layout of a data set."""
 
+from contextlib import suppress
 from pathlib import Path
 
 from gtf_tune.errors import SequenceError, did_you_mean
@@ -39,6 +40,11 @@ _LAYOUTS: tuple[Layout, ...] = (
     STRECHA,
     FOLDER,
 )
+
+
+# Those that a file above the images gives away; EuRoC's is three folders above.
+_ABOVE = (VSLAM_LAB, ETH3D_SLAM, TUM_RGBD, KITTI, REPLICA, TARTANAIR, SCANNET, COLMAP, NERF)
+_EUROC_DEPTH = 3
 
 
 def layout_names() -> tuple[str, ...]:
@@ -96,6 +102,17 @@ def find_layout(root: Path, name: str = AUTO, *, recursive: bool = False) -> Lay
             remedy=("extract", "VIDEO", "FOLDER"),
         )
     return found
+
+
+def layout_above(root: Path) -> tuple[str, Path] | None:
+    """Return layout and folder of the data set that a plain folder of images seems to be a part of."""
+    places = [(layout, root.parent) for layout in _ABOVE]
+    places += [(EUROC, folder) for folder in root.parents[_EUROC_DEPTH - 1 : _EUROC_DEPTH]]
+    for layout, folder in places:
+        with suppress(OSError):
+            if layout.matches(folder):
+                return layout.name, folder
+    return None
 
 
 def _named(name: str) -> Layout:

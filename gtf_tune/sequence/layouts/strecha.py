@@ -67,8 +67,9 @@ def _read_camera(path: Path, image: Path) -> Camera:
     numbers = _read_file(path)
     if numbers[9:12].any():
         raise SequenceError(f"{path}: expected no distortion (0 0 0 after K), found some; {GIVE_THE_CAMERA}")
+    stored = image_size(image) if len(numbers) < _NUMBERS else None
     with naming(path):
-        size = (_side(numbers[24]), _side(numbers[25])) if len(numbers) >= _NUMBERS else image_size(image)
+        size = stored or (_side(numbers[24]), _side(numbers[25]))
         return pinhole_from_matrix(numbers[:9].reshape(3, 3), size)
 
 

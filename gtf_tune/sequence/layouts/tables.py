@@ -15,6 +15,7 @@ _NANOSECOND_DIGITS = 30
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WORDS = frozenset({"nan", "inf", "infinity"})
 _SHOWN = 40
+_CONTROL = re.compile(r"[\x00-\x1f\x7f]")
 
 
 def read_text(path: Path) -> str:
@@ -113,7 +114,8 @@ def parse_finite(text: str) -> float | None:
 
 
 def shortened(text: str) -> str:
-    """Return a text for a message, cut where it is long."""
+    """Return a text for a message, in one line, cut where it is long."""
+    text = _CONTROL.sub(" ", text)
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
@@ -131,7 +133,7 @@ def find_listed(folder: Path, name: str, source: Path) -> Path:
     SequenceError
         The name is none that a file can have.
     """
-    if not name.strip() or "\0" in name or len(name) > _LONGEST_NAME:
+    if not name.strip() or _CONTROL.search(name) or len(name) > _LONGEST_NAME:
         raise SequenceError(f"{source}: expected the name of an image, found '{shortened(name)}'; check the file")
     exact = folder / name
     if _is_file(exact):

@@ -28,8 +28,9 @@ def _read_intrinsics(path: Path, image: Path) -> Intrinsics:
     if len(numbers) != 4:
         raise SequenceError(f"{path}: expected 'fx fy cx cy', found {len(numbers)} numbers; {GIVE_THE_CAMERA}")
     fx, fy, cx, cy = (float(number) for number in numbers)
+    size = image_size(image)
     with naming(path):
-        return one_camera(pinhole_from_opencv((fx, fy), (cx, cy), image_size(image)))
+        return one_camera(pinhole_from_opencv((fx, fy), (cx, cy), size))
 
 
 def _read(root: Path, _: Reading) -> Recording:
