@@ -23,8 +23,8 @@ from gtf_tune.sequence.layouts.base import (
     naming,
     shared_camera,
 )
+from gtf_tune.sequence.layouts.cameras.kalibr import chain_intrinsics, find_chain
 from gtf_tune.sequence.layouts.folder import FOLDER, maps_among
-from gtf_tune.sequence.layouts.kalibr import chain_intrinsics, find_chain
 from gtf_tune.sequence.layouts.registry import AUTO, find_layout, layout_above
 from gtf_tune.sequence.selection import Selection
 from gtf_tune.sequence.value import Frame, Sequence

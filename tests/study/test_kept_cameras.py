@@ -14,6 +14,7 @@ from gtf_tune.store.database.session import write
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.open_study import open_study
 from tests.sequence import miniatures
+from tests.sequence.test_colmap_database import write_database
 from tests.sequence.test_exif import photograph
 from tests.study.conftest import definition_of
 
@@ -50,6 +51,22 @@ def test_a_study_keeps_its_camera_and_says_that_the_files_differ(database, room)
         "sequence 'room' keeps the intrinsics that the study began with, PINHOLE 18.0 18.0 10.0 8.0, although its "
         "files now say PINHOLE 19.0 19.0 10.0 8.0"
     )
+
+
+def test_a_database_that_colmap_leaves_behind_does_not_change_a_study(database, tmp_path):
+    photographs = tmp_path / "photographs"
+    miniatures.folder(photographs)
+    _create(database, photographs)
+    write_database(photographs / "database.db", ("SIMPLE_RADIAL", (50.0, 31.0, 24.0, 0.1)))
+
+    sequence, (change,) = _opened(database)
+
+    assert sequence.camera is None
+    assert "began with, unknown, although its files now say SIMPLE_RADIAL 50.0" in change
+    write_database(photographs / "other.db", ("SIMPLE_RADIAL", (50.0, 32.0, 24.0, 0.0)))
+    (photographs / "other.db").replace(photographs / "database.db")
+    sequence, changes = _opened(database)
+    assert (sequence.camera, sequence.focal_prior, changes) == (None, None, ())
 
 
 @pytest.mark.parametrize("content", ["nonsense", "1 2 3"])

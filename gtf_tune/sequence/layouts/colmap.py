@@ -10,7 +10,7 @@ from natsort import natsorted
 from gtf_tune.errors import GtfTuneError, SequenceError
 from gtf_tune.sequence.image_formats import is_image
 from gtf_tune.sequence.layouts.base import Intrinsics, Layout, Notes, Reading, Recording, naming, one_camera
-from gtf_tune.sequence.layouts.colmap_cameras import ModelCameras
+from gtf_tune.sequence.layouts.cameras.colmap_model import ModelCameras
 from gtf_tune.sequence.layouts.folder import counted_frames
 from gtf_tune.sequence.layouts.ground_truth import check_near
 from gtf_tune.sequence.layouts.tables import find_listed

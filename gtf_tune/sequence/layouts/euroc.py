@@ -8,10 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.camera import Camera
-from gtf_tune.sequence.distortion import distorted_pinhole
 from gtf_tune.sequence.layouts.base import (
-    GIVE_THE_CAMERA,
     UNKNOWN,
     Intrinsics,
     Layout,
@@ -20,7 +17,8 @@ from gtf_tune.sequence.layouts.base import (
     naming,
     one_camera,
 )
-from gtf_tune.sequence.layouts.fields import Field, read_yaml
+from gtf_tune.sequence.layouts.cameras.sensor import sensor_camera
+from gtf_tune.sequence.layouts.fields import read_yaml
 from gtf_tune.sequence.layouts.ground_truth import Notes, check_near, poses_by_timestamp
 from gtf_tune.sequence.layouts.image_lists import read_image_list
 from gtf_tune.sequence.value import Frame
@@ -105,22 +103,6 @@ def _read_intrinsics(path: Path) -> Intrinsics:
     notes = (f"{path.name} has keys that are not read: {', '.join(others)}",) if others else ()
     with naming(path):
         return one_camera(sensor_camera(values), *notes)
-
-
-def sensor_camera(values: Field) -> Camera:
-    """Return the camera of a sensor.yaml, or of one camera in Kalibr's chain, which has other names for some keys."""
-    width, height = values["resolution"].counts(2)
-    kind = values["camera_model"].text().lower() if "camera_model" in values else "pinhole"
-    given = values.first("distortion_coefficients", "distortion_coeffs")
-    coefficients = given.numbers(*range(9)) if given else []
-    if kind == "eucm" and not any(coefficients):
-        alpha, beta, fx, fy, cx, cy = values["intrinsics"].numbers(6)
-        return Camera("EUCM", width, height, (fx, fy, cx + 0.5, cy + 0.5, alpha, beta))
-    if kind != "pinhole":
-        raise SequenceError(f"expected camera_model pinhole or eucm, found '{kind[:40]}'; {GIVE_THE_CAMERA}")
-    named = values["distortion_model"].text() if "distortion_model" in values else "none"
-    pinhole = tuple(values["intrinsics"].numbers(4))
-    return distorted_pinhole(named, coefficients, pinhole, (width, height))
 
 
 def _moved_to_camera(body: Trajectory, body_from_camera: NDArray[np.float64]) -> Trajectory:

@@ -17,7 +17,7 @@ from gtf_tune.sequence.image_formats import (
     is_image,
 )
 from gtf_tune.sequence.layouts.base import Layout, Notes, Reading, Recording
-from gtf_tune.sequence.layouts.colmap_database import database_intrinsics, database_of
+from gtf_tune.sequence.layouts.cameras.colmap_database import database_intrinsics, database_of
 from gtf_tune.sequence.value import Frame
 
 _NAMED_FOLDERS = 4

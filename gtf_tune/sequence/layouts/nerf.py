@@ -10,10 +10,10 @@ from natsort import natsorted
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.images import image_size
 from gtf_tune.sequence.layouts.base import Intrinsics, Layout, Reading, Recording
+from gtf_tune.sequence.layouts.cameras.nerf_lens import CAMERA_KEYS, lens_camera
 from gtf_tune.sequence.layouts.fields import Field, read_json
 from gtf_tune.sequence.layouts.folder import counted_frames
 from gtf_tune.sequence.layouts.ground_truth import poses_from_matrices
-from gtf_tune.sequence.layouts.nerf_lens import CAMERA_KEYS, lens_camera
 from gtf_tune.sequence.layouts.tables import find_listed, with_suffix
 
 _NAMES = ("transforms.json", "transforms_train.json")

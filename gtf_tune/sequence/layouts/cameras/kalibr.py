@@ -5,7 +5,7 @@ from pathlib import Path
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.layouts.base import GIVE_THE_CAMERA, Intrinsics, naming, one_camera
-from gtf_tune.sequence.layouts.euroc import sensor_camera
+from gtf_tune.sequence.layouts.cameras.sensor import sensor_camera
 from gtf_tune.sequence.layouts.fields import read_yaml
 
 _CAMERA = re.compile(r"cam[0-9]+")

@@ -1,0 +1,1 @@
+"""Read the camera that a file describes."""
