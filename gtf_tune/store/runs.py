@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import case, func, insert, select
 from sqlalchemy.orm import Session
@@ -14,12 +14,14 @@ from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest, RunStatus
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.session import chunks, columns_of, read, read_rows, table_of, write
-from gtf_tune.trajectory import Trajectory, from_bytes
+
+if TYPE_CHECKING:  # takes scipy, which no reader of studies needs
+    from gtf_tune.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
 class StoredRun:
-    """Stored run without its trajectory (see `gtf_tune.store.runs`) and log (see `log`)."""
+    """Stored run without its trajectory (see `trajectories`) and log (see `log`)."""
 
     id: int
     key: str
@@ -95,7 +97,7 @@ def save(database: Database, request: RunRequest, outcome: RunOutcome, key: str 
     StorageError
         The database cannot be written to; a full disk says so.
     """
-    from gtf_tune.trajectory import to_bytes  # takes scipy, which no reader of studies needs
+    from gtf_tune.trajectory import to_bytes
 
     row = {**_row(request, outcome), "key": key or request.key}
     trajectory = to_bytes(outcome.trajectory)
@@ -223,7 +225,7 @@ def log(database: Database, key: str) -> str:
     return read(database, lambda session: session.scalar(query.where(models.Run.key == key)) or "")
 
 
-def digest_of(trajectory: Trajectory) -> str:
+def digest_of(trajectory: "Trajectory") -> str:
     """Return the hex SHA-256 of the numbers and names of a trajectory, whatever compression stores it."""
     total = hashlib.sha256()
     for numbers in (trajectory.timestamps, trajectory.positions, trajectory.quaternions):
@@ -233,7 +235,7 @@ def digest_of(trajectory: Trajectory) -> str:
     return total.hexdigest()
 
 
-def trajectories(database: Database, keys: Sequence[str]) -> dict[str, Trajectory]:
+def trajectories(database: Database, keys: Sequence[str]) -> dict[str, "Trajectory"]:
     """Return the trajectory of each run that is stored under one of these keys; those of failed runs are empty.
 
     Raises
@@ -253,8 +255,10 @@ def trajectories(database: Database, keys: Sequence[str]) -> dict[str, Trajector
     return found
 
 
-def checked_trajectory(key: str, digest: str, data: bytes) -> Trajectory:
+def checked_trajectory(key: str, digest: str, data: bytes) -> "Trajectory":
     """Return the trajectory that these bytes hold, or raise `StorageError` where it is not the one that was stored."""
+    from gtf_tune.trajectory import from_bytes
+
     damaged = f"the stored trajectory of run {key} is damaged"
     advice = "restore a backup, or delete the study and run it again"
     try:
