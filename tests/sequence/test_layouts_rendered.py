@@ -177,7 +177,8 @@ def test_seven_scenes_has_one_pose_file_for_each_image(tmp_path, write_images):
 
     assert (sequence.layout, len(sequence)) == ("7-scenes", 3)
     assert sequence.ground_truth.positions[:, 0].tolist() == [1, 2, 6]
-    assert sequence.camera.params == (585, 585, 320.5, 240.5)
+    assert (sequence.camera, sequence.focal_prior) == (None, 525)
+    assert sequence.notes[0].startswith("7-Scenes describes its depth camera only")
     assert sequence.frames[2].timestamp == pytest.approx(5 / 30)
 
 

@@ -26,6 +26,14 @@ NOTE = "files that may describe camera or poses and are not read: "
         "times.txt",
         "timestamps.csv",
         "sparse/camera_info.xml",
+        "Family_COLMAP_SfM.log",
+        "bundle.out",
+        "model.nvm",
+        "sfm_data.json",
+        "reconstruction.json",
+        "temple_par.txt",
+        "cams_krt.txt",
+        "graph.g2o",
     ],
 )
 def test_a_plain_folder_says_what_lies_beside_its_images(tmp_path, name):

@@ -135,3 +135,24 @@ def test_vslam_lab_may_not_know_the_camera_nor_poses(tmp_path):
 
     assert (sequence.camera, sequence.ground_truth) == (None, None)
     assert sequence.notes == ("groundtruth.csv holds no poses",)
+
+
+@pytest.mark.parametrize("camera", ["auto", "unknown"])
+def test_vslam_lab_mirrors_what_has_y_pointing_up(tmp_path, camera):
+    miniatures.vslam_lab(tmp_path)
+    path = tmp_path / "calibration.yaml"
+    [first] = yaml.safe_load(path.read_text())["cameras"]
+    upright = load_sequence(tmp_path)
+    path.write_text(yaml.safe_dump({"cameras": [{**first, "focal_length": [50.0, -51.0]}]}))
+
+    sequence = load_sequence(tmp_path, camera=camera)
+
+    assert sequence.camera == (upright.camera if camera == "auto" else None)
+    np.testing.assert_array_equal(
+        sequence.ground_truth.positions, upright.ground_truth.positions * np.array([1.0, -1.0, 1.0])
+    )
+    mirror = np.diag([1.0, -1.0, 1.0])
+    np.testing.assert_allclose(
+        sequence.ground_truth.rotations.as_matrix(), mirror @ upright.ground_truth.rotations.as_matrix() @ mirror
+    )
+    assert "camera and poses are mirrored" in sequence.notes[0]

@@ -1,6 +1,7 @@
 """Match the poses that come with a data set to its frames."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -106,6 +107,18 @@ def _are_poses(matrices: NDArray[np.float64]) -> NDArray[np.bool_]:
     near = np.abs(matrices[:, :3, 3]).max(axis=1) < _FARTHEST
     answer: NDArray[np.bool_] = proper & near & (last_rows <= _ORTHOGONALITY_TOLERANCE)
     return answer
+
+
+def mirrored(poses: Trajectory) -> Trajectory:
+    """Mirror world and camera at y = 0: what has y pointing up in both, as ICL-NUIM's renderer, becomes right-handed.
+
+    With S = diag(1, -1, 1), R becomes S R S and t becomes S t; the quaternion then changes the signs of x and z.
+    """
+    return replace(
+        poses,
+        positions=poses.positions * np.array([1.0, -1, 1]),
+        quaternions=poses.quaternions * np.array([-1.0, 1, -1, 1]),
+    )
 
 
 def check_near(positions: NDArray[np.float64], source: Path) -> None:

@@ -4,13 +4,11 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import pinhole_from_opencv
 from gtf_tune.sequence.layouts.base import Layout, Reading, Recording, check_unique, naming, one_camera
 from gtf_tune.sequence.layouts.folder import list_images
-from gtf_tune.sequence.layouts.ground_truth import Notes, poses_by_timestamp
+from gtf_tune.sequence.layouts.ground_truth import Notes, mirrored, poses_by_timestamp
 from gtf_tune.sequence.layouts.tables import find_listed, read_rows, shortened
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
@@ -36,7 +34,8 @@ def _read(root: Path, _: Reading) -> Recording:
     if poses is not None:
         with naming(poses):
             published = read_trajectory(poses, format="tum")
-        ground_truth, notes = poses_by_timestamp(frames, _right_handed(published), poses)
+        timed = replace(published, timestamps=published.timestamps / _RATE_HZ)
+        ground_truth, notes = poses_by_timestamp(frames, mirrored(timed), poses)
     files = (root / "associations.txt", *((poses,) if poses else ()))
     return Recording(frames, lambda: one_camera(_CAMERA), ground_truth, notes=notes, files=files)
 
@@ -66,19 +65,6 @@ def _association(root: Path, pairs: Path, line: int, fields: list[str]) -> tuple
 
 def _is_frame_number(text: str) -> bool:
     return text.isascii() and text.isdecimal() and len(text) <= _LONGEST_NUMBER
-
-
-def _right_handed(published: Trajectory) -> Trajectory:
-    """Mirror world and camera at y = 0, and turn the frame numbers into seconds.
-
-    With S = diag(1, -1, 1), R becomes S R S and t becomes S t; the quaternion then changes the signs of x and z.
-    """
-    return replace(
-        published,
-        timestamps=published.timestamps / _RATE_HZ,
-        positions=published.positions * np.array([1.0, -1, 1]),
-        quaternions=published.quaternions * np.array([-1.0, 1, -1, 1]),
-    )
 
 
 ICL_NUIM = Layout(

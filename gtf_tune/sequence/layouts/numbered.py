@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.camera import Camera, pinhole_from_matrix, pinhole_from_opencv
+from gtf_tune.sequence.camera import Camera, pinhole_from_matrix
 from gtf_tune.sequence.images import image_size
 from gtf_tune.sequence.layouts.base import Intrinsics, Layout, Reading, Recording, naming, one_camera
 from gtf_tune.sequence.layouts.folder import list_images
@@ -18,14 +18,20 @@ from gtf_tune.trajectory import Trajectory
 _RATE_HZ = 30.0
 _NUMBER = re.compile(r"[0-9]{1,18}")
 
-# The Kinect's nominal calibration, which the 7-Scenes page gives for both of its cameras.
-_SEVEN_SCENES_CAMERA = pinhole_from_opencv((585.0, 585.0), (320.0, 240.0), (640, 480))
+# 7-Scenes has a calibration of the depth camera only, of 585 pixels; 525 is nominal for the Kinect's colour camera.
+_KINECT_FOCAL, _KINECT_WIDTH = 525.0, 640
+_KINECT = "7-Scenes describes its depth camera only: poses are those of it, and colour images start from 525 pixels"
 
 
 def _read_seven_scenes(root: Path, _: Reading) -> Recording:
     frames = _numbered_frames(root, "frame-*.color.*")
     poses = tuple(root / f"{frame.path.name.split('.')[0]}.pose.txt" for frame in frames)
-    return Recording(frames, lambda: one_camera(_SEVEN_SCENES_CAMERA), _read_poses(frames, poses), files=poses)
+
+    def read_intrinsics() -> Intrinsics:
+        width, _ = image_size(frames[0].path)
+        return Intrinsics(notes=(_KINECT,), focal_prior=_KINECT_FOCAL * width / _KINECT_WIDTH)
+
+    return Recording(frames, read_intrinsics, _read_poses(frames, poses), files=poses)
 
 
 def _read_scannet(root: Path, _: Reading) -> Recording:

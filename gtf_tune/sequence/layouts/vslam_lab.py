@@ -24,7 +24,7 @@ from gtf_tune.sequence.layouts.base import (
     one_camera,
 )
 from gtf_tune.sequence.layouts.fields import Field, read_yaml
-from gtf_tune.sequence.layouts.ground_truth import poses_by_timestamp
+from gtf_tune.sequence.layouts.ground_truth import mirrored, poses_by_timestamp
 from gtf_tune.sequence.layouts.image_lists import in_seconds
 from gtf_tune.sequence.layouts.tables import find_listed, read_text, shortened
 from gtf_tune.sequence.value import Frame
@@ -98,7 +98,10 @@ def _read(root: Path, _: Reading) -> Recording:
     camera, *others = table.images()
     frames = _frames(table, camera)
     calibration, poses = root / "calibration.yaml", root / "groundtruth.csv"
-    ground_truth, notes = _ground_truth(frames, poses) if poses.is_file() else (None, ())
+    upward = _has_y_upward(calibration, camera)
+    ground_truth, notes = _ground_truth(frames, poses, upward=upward) if poses.is_file() else (None, ())
+    if upward:
+        notes = (*notes, f"{calibration.name} has a focal length below 0 as y points up: camera and poses are mirrored")
     if others:
         notes = (*notes, f"{table.path.name} lists the images of several cameras; those of {camera} are used")
     return Recording(
@@ -125,17 +128,39 @@ def _frames(table: _Table, camera: str) -> tuple[Frame, ...]:
     return frames
 
 
-def _ground_truth(frames: tuple[Frame, ...], path: Path) -> tuple[Trajectory | None, Notes]:
+def _ground_truth(frames: tuple[Frame, ...], path: Path, *, upward: bool) -> tuple[Trajectory | None, Notes]:
     table = _read_table(path)
     if not table.rows:
         return None, (f"{path.name} holds no poses",)
     with naming(path):
-        return poses_by_timestamp(frames, read_trajectory(path, format="tum", delimiter=","), path)
+        poses = read_trajectory(path, format="tum", delimiter=",")
+    return poses_by_timestamp(frames, mirrored(poses) if upward else poses, path)
+
+
+def _has_y_upward(path: Path, name: str) -> bool:
+    """Return True if a camera is described by a negative vertical focal length, as those of ICL-NUIM are."""
+    if not path.is_file():
+        return False
+    try:
+        return _described(path, name)["focal_length"].numbers(1, 2)[-1] < 0
+    except SequenceError:
+        return False  # which matters only where the intrinsics are needed
 
 
 def _intrinsics(path: Path, name: str, image: Path, *, has_poses: bool) -> Intrinsics:
     if not path.is_file():
         return UNKNOWN
+    camera = _described(path, name)
+    others = camera.others(_CAMERA_KEYS)
+    notes = [f"{path.name} has keys that are not read: {', '.join(others)}"] if others else []
+    if has_poses and "T_BS" in camera and not np.array_equal(camera["T_BS"].matrix(4, 4), np.eye(4)):
+        notes.append(f"ground truth is taken for poses of the camera, though {path.name} has a T_BS that moves it")
+    with naming(path):
+        return one_camera(_camera(camera, image), *notes)
+
+
+def _described(path: Path, name: str) -> Field:
+    """Return what a calibration says of the camera of a name, or raise `SequenceError` if it has none."""
     cameras = list(read_yaml(path)["cameras"].items())
     named = {camera["cam_name"].text(): camera for camera in cameras if "cam_name" in camera}
     camera = named.get(name) or next((named[key] for key in named if _plain(key) == _plain(name)), None)
@@ -144,12 +169,7 @@ def _intrinsics(path: Path, name: str, image: Path, *, has_poses: bool) -> Intri
         raise SequenceError(
             f"{path}: expected a camera with cam_name '{name}', found {shortened(known)}; {GIVE_THE_CAMERA}"
         )
-    others = camera.others(_CAMERA_KEYS)
-    notes = [f"{path.name} has keys that are not read: {', '.join(others)}"] if others else []
-    if has_poses and "T_BS" in camera and not np.array_equal(camera["T_BS"].matrix(4, 4), np.eye(4)):
-        notes.append(f"ground truth is taken for poses of the camera, though {path.name} has a T_BS that moves it")
-    with naming(path):
-        return one_camera(_camera(camera, image), *notes)
+    return camera
 
 
 def _plain(name: str) -> str:
@@ -170,7 +190,7 @@ def _camera(values: Field, image: Path) -> Camera | None:
     return distorted_pinhole(
         distortion,
         given.numbers(*range(9)) if given else [],
-        (focal[0], focal[-1], *values["principal_point"].numbers(2)),
+        (focal[0], abs(focal[-1]), *values["principal_point"].numbers(2)),
         _size(values, image),
     )
 
