@@ -10,11 +10,20 @@ if TYPE_CHECKING:
     from gtf_tune.errors import TrajectoryError
     from gtf_tune.trajectory import Association, Trajectory, TrajectoryFormat
 
-_KINDS = MappingProxyType({"kitti": "a KITTI file", "colmap": "a COLMAP model"})
+_NO_TIMES = "which holds no times, only image names"
+_KINDS = MappingProxyType(
+    {
+        "kitti": "a KITTI file",
+        "colmap": "a COLMAP model",
+        "transforms": "a transforms.json",
+        "opensfm": "a reconstruction of OpenSfM",
+        "sfmdata": "a reconstruction of AliceVision",
+    }
+)
 _WITHOUT_TIMES = MappingProxyType(
     {
         "kitti": "a KITTI file, which holds no times, only lines",
-        "colmap": "a COLMAP model, which holds no times, only image names",
+        **{kind: f"{_KINDS[kind]}, {_NO_TIMES}" for kind in ("colmap", "transforms", "opensfm", "sfmdata")},
     }
 )
 _UNITS = MappingProxyType({3: "milliseconds", 6: "microseconds", 9: "nanoseconds"})

@@ -77,7 +77,9 @@ class Normalise(StrEnum):
 
 _ASSOCIATIONS = MappingProxyType({"order": "order, which is right only where each file has a pose of every frame"})
 
-Reference = Annotated[Path, typer.Argument(help="Reference trajectory (TUM, KITTI, EuRoC or COLMAP).")]
+Reference = Annotated[
+    Path, typer.Argument(help="Reference trajectory (TUM, KITTI, EuRoC, COLMAP, nerfstudio, OpenSfM, Meshroom).")
+]
 Estimate = Annotated[Path, typer.Argument(help="Estimated trajectory.")]
 AlignmentFlag = Annotated[Alignment, typer.Option("--alignment", help="How the estimate is laid on the reference.")]
 FormatFlag = Annotated[Format, typer.Option("--format", help="Format of both files.")]

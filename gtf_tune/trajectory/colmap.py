@@ -59,22 +59,44 @@ def read_colmap(path: Path) -> Trajectory:
     TrajectoryError
         There is no such file, or it is malformed or without poses.
     """
-    images = sorted(_images(path), key=lambda image: _natural(image.name))
+    images = list(_images(path))
     if not images:
         raise TrajectoryError(f"expected at least one registered image in {path}, but it holds none")
-    names = tuple(image.name for image in images)
+    world_from_camera = Rotation.from_quat(np.array([image.quaternion for image in images])[:, [1, 2, 3, 0]]).inv()
+    positions = -world_from_camera.apply(np.array([image.translation for image in images]))
+    return named_trajectory([image.name for image in images], positions, world_from_camera, path)
+
+
+def named_trajectory(
+    names: Sequence[str], positions: FloatArray, world_from_camera: Rotation, path: Path
+) -> Trajectory:
+    """Return poses of named images in the natural order of the names; see `read_colmap` for frame ids and times.
+
+    Parameters
+    ----------
+    names, positions, world_from_camera
+        One for each pose: the name of its image, the position of its camera, (n, 3), and its rotation.
+    path
+        The file for messages.
+
+    Raises
+    ------
+    TrajectoryError
+        An image comes twice.
+    """
     if len(set(names)) != len(names):
         raise TrajectoryError(f"expected every image once in {path}, but one name comes twice")
-    world_from_camera = Rotation.from_quat(np.array([image.quaternion for image in images])[:, [1, 2, 3, 0]]).inv()
-    stems = [PurePosixPath(name).stem for name in names]
+    order = sorted(range(len(names)), key=lambda index: _natural(names[index]))
+    ordered = tuple(names[index] for index in order)
+    stems = [PurePosixPath(name).stem for name in ordered]
     frame_ids, counted = _frame_ids(stems)
     times = _times(stems)
     return Trajectory(
         frame_ids=frame_ids,
         timestamps=frame_ids.astype(np.float64) if times is None else times,
-        positions=-world_from_camera.apply(np.array([image.translation for image in images])),
-        quaternions=world_from_camera.as_quat(),
-        names=names,
+        positions=positions[order],
+        quaternions=world_from_camera.as_quat()[order],
+        names=ordered,
         ids_are_counted=counted,
         has_timestamps=times is not None,
     )

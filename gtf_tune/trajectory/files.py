@@ -13,12 +13,21 @@ from gtf_tune.errors import TrajectoryError
 from gtf_tune.trajectory.colmap import read_colmap
 from gtf_tune.trajectory.columns import read_table
 from gtf_tune.trajectory.formats import KITTI_COLUMNS, TextLayout, read_euroc, read_kitti, read_text, read_tum
+from gtf_tune.trajectory.reconstructions import detected_kind, read_reconstruction
 from gtf_tune.trajectory.value import Trajectory
 
-TrajectoryFormat = Literal["auto", "tum", "kitti", "euroc", "colmap"]
+TrajectoryFormat = Literal["auto", "tum", "kitti", "euroc", "colmap", "transforms", "opensfm", "sfmdata"]
 
 _READERS: Mapping[str, Callable[[Path, TextLayout], Trajectory]] = MappingProxyType(
-    {"tum": read_tum, "kitti": read_kitti, "euroc": read_euroc, "colmap": lambda path, _: read_colmap(path)}
+    {
+        "tum": read_tum,
+        "kitti": read_kitti,
+        "euroc": read_euroc,
+        "colmap": lambda path, _: read_colmap(path),
+        "transforms": lambda path, _: read_reconstruction(path, "transforms"),
+        "opensfm": lambda path, _: read_reconstruction(path, "opensfm"),
+        "sfmdata": lambda path, _: read_reconstruction(path, "sfmdata"),
+    }
 )
 _TUM_COLUMNS, _EUROC_COLUMNS = 8, 17
 
@@ -26,10 +35,10 @@ _TUM_COLUMNS, _EUROC_COLUMNS = 8, 17
 def read_trajectory(
     path: str | os.PathLike[str], format: TrajectoryFormat = "auto", delimiter: str | None = None
 ) -> Trajectory:
-    """Read a trajectory from a TUM, KITTI or EuRoC file or a COLMAP model.
+    """Read a trajectory from a TUM, KITTI or EuRoC file, a COLMAP model or a reconstruction in JSON.
 
-    Frame ids count the poses from 0 and are marked so (``ids_are_counted``); for a COLMAP model whose images are called
-    by numbers they are these numbers. Trajectories that lack different poses are associated by timestamp or image name.
+    Frame ids count the poses from 0 and are marked so (``ids_are_counted``); for models whose images are called by
+    numbers they are these numbers. Trajectories that lack different poses are associated by timestamp or image name.
     A header that names the columns of a TUM or EuRoC file decides on their order and on the unit of its timestamps.
 
     Parameters
@@ -37,7 +46,9 @@ def read_trajectory(
     path
         A file, or the folder of a COLMAP model.
     format
-        ``auto`` takes folders, ``images.txt`` and ``.bin`` files for COLMAP's; columns show which of the others it is.
+        ``auto`` takes folders, ``images.txt`` and ``.bin`` files for COLMAP's, and ``.json`` and ``.sfm`` files for
+        reconstructions of nerfstudio (``transforms``), OpenSfM or AliceVision (``sfmdata``); columns show which of the
+        others it is.
     delimiter
         What separates the columns of a line; semicolon, comma or blanks by what the first line has.
 
@@ -64,6 +75,8 @@ def detected_format(path: Path, delimiter: str | None = None) -> str:
     """
     if path.is_dir() or path.suffix == ".bin" or path.name == "images.txt":
         return "colmap"
+    if path.suffix.lower() in (".json", ".sfm"):
+        return detected_kind(path)
     table = read_table(read_text(path), path, delimiter)
     where, first = table.rows[0]
     named = table.named_columns()

@@ -1,5 +1,6 @@
 """What a program writes as its trajectory, beyond the usual forms: how it is read, and how it is refused."""
 
+import json
 import sys
 from pathlib import Path
 from typing import Any
@@ -109,3 +110,16 @@ def test_positions_that_are_given_twice_are_repeats_too(frames: Sequence, tmp_pa
 def test_lines_out_of_order_stay_an_error_where_repeats_are_allowed(frames: Sequence, tmp_path: Path) -> None:
     with pytest.raises(RunError, match="sort the file"):
         run(WRITES.format(text="1 5 0 0 0 0 0 1\n0 7 0 0 0 0 0 1\n"), frames, tmp_path, duplicates="first")
+
+
+def test_a_program_may_write_a_reconstruction_that_names_the_images(frames: Sequence, tmp_path: Path) -> None:
+    shots = {
+        f"{frame.frame_id:06d}.pgm": {"rotation": [0, 0, 0], "translation": [-frame.frame_id, 0, 0]}
+        for frame in frames.frames[:3]
+    }
+    code = WRITES.format(text=json.dumps([{"shots": shots}]))
+
+    found = run(code, frames, tmp_path, path="reconstruction.json", format="opensfm", association="name").trajectory
+
+    assert found.frame_ids.tolist() == [frame.frame_id for frame in frames.frames[:3]]
+    assert found.positions[:, 0].tolist() == found.frame_ids.tolist()

@@ -132,6 +132,10 @@ class SettingsFileDefinition(Section):
         return value
 
 
+_NAMED = ("colmap", "transforms", "opensfm", "sfmdata")
+"""Formats that name the images."""
+
+
 class OutputDefinition(Section):
     """Where the trajectory is, in which format, and how its poses belong to the frames.
 
@@ -139,11 +143,11 @@ class OutputDefinition(Section):
     TUM's times are multiplied by ``time_scale``; where that is 1, they are in the unit that the header names, seconds
     otherwise. ``sort`` puts TUM's and EuRoC's poses in the order of time.
     ``duplicates`` says which of several poses of one image counts: programs that lose track may repeat their last pose.
-    A COLMAP folder may hold several models: the largest counts.
+    A COLMAP folder and an OpenSfM file may hold several models: the largest counts.
     """
 
     path: str = "output"
-    format: Literal["tum", "kitti", "euroc", "colmap"] = "tum"
+    format: Literal["tum", "kitti", "euroc", "colmap", "transforms", "opensfm", "sfmdata"] = "tum"
     association: Literal["name", "timestamp", "index", "row"] = "timestamp"
     delimiter: Literal[" ", ","] = " "
     time_scale: float = Field(default=1.0, gt=0)
@@ -154,8 +158,8 @@ class OutputDefinition(Section):
 
     @model_validator(mode="after")
     def _check_together(self) -> Self:
-        if (self.format == "colmap") != (self.association == "name"):
-            raise ValueError("poses are associated by 'name' in the format 'colmap' and there only")
+        if (self.format in _NAMED) != (self.association == "name"):
+            raise ValueError(f"poses are associated by 'name' in the formats {', '.join(_NAMED)} and there only")
         if self.format == "kitti" and self.association != "row":
             raise ValueError("the format 'kitti' has no times; its association is 'row'")
         if self.format != "tum" and (self.time_scale != 1.0 or self.delimiter != " "):

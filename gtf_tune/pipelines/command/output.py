@@ -11,6 +11,7 @@ from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.command.definition import OutputDefinition
 from gtf_tune.trajectory import FloatArray, IntArray, Trajectory, associate_by_timestamp, read_trajectory
 from gtf_tune.trajectory.formats import TextLayout, read_euroc, read_kitti, read_tum
+from gtf_tune.trajectory.reconstructions import read_reconstruction
 
 _READERS: Mapping[str, Callable[[Path, TextLayout], Trajectory]] = MappingProxyType(
     {"tum": read_tum, "kitti": read_kitti, "euroc": read_euroc}
@@ -60,6 +61,8 @@ def _read(output: OutputDefinition, path: Path) -> Trajectory:
     )
     if output.format == "colmap":
         return _largest_model(path)
+    if output.format not in _READERS:
+        return read_reconstruction(path, output.format)
     return _READERS[output.format](path, layout)
 
 
