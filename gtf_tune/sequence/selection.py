@@ -29,8 +29,9 @@ class Selection:
        the first frame (0 keeps all). Frames inside a gap of the recording are not made up.
     3. ``max_frames`` keeps the first so many (0 keeps all).
 
-    So the paper's "50 of 2000 images, 3.06 Hz" is ``Selection(rate_hz=3.06, max_frames=50)``; 50 frames spread evenly
-    over 2000 are ``Selection(stride=40)``.
+    So the paper's "50 of 2000 images, 3.06 Hz" is ``Selection(rate_hz=3.0, max_frames=50)``: every tenth image of 30 Hz.
+    The 50 frames span 49 x 10 / 30 = 16.33 s, and 50 / 16.33 is 3.06. 50 frames spread evenly over 2000 are
+    ``Selection(stride=40)``.
 
     ``exclude`` leaves images out before all that, by glob patterns of their names or of their paths below the folder;
     frames keep their numbers. ``recursive`` takes the images of subfolders too where the data set is a plain folder.

@@ -90,6 +90,18 @@ def test_tartanair_turns_north_east_down_into_the_axes_of_opencv(tartanair):
     np.testing.assert_allclose(turned @ [0, 0, 1], [0, 1, 0], atol=1e-7)
 
 
+def test_the_monocular_test_track_of_tartanair_has_its_poses_in_a_folder_beside_the_images(tmp_path, write_images):
+    root = tmp_path / "mono" / "ME001"
+    write_images(root, [f"{n:06d}.png" for n in range(2)], width=640, height=480)
+    (tmp_path / "mono_gt").mkdir()
+    (tmp_path / "mono_gt" / "ME001.txt").write_text("1 2 3 0 0 0 1\n1 3 3 0 0 0.70710678 0.70710678\n")
+
+    sequence = load_sequence(root)
+
+    assert (sequence.layout, sequence.has_timestamps, len(sequence)) == ("tartanair", False, 2)
+    np.testing.assert_allclose(sequence.ground_truth.positions, [[1, 2, 3], [1, 3, 3]])
+
+
 @pytest.mark.parametrize("text", ["1 2 3 0 0 0 1\n", "1 2 3 0 0 0\n1 2 3 0 0 0 1\n"])
 def test_tartanair_with_damaged_poses_is_refused(tartanair, text):
     (tartanair / "pose_left.txt").write_text(text)

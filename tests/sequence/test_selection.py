@@ -18,10 +18,10 @@ def test_start_stop_and_stride_act_like_a_slice():
 
 
 def test_the_selection_of_the_paper_is_50_frames_over_16_seconds():
-    chosen = Selection(rate_hz=3.0625, max_frames=50).positions(AT_30_HZ)
+    chosen = Selection(rate_hz=3.0, max_frames=50).positions(AT_30_HZ)
 
-    assert len(chosen) == 50
-    assert chosen[-1] == 480
+    assert chosen == list(range(0, 500, 10))
+    assert round(len(chosen) / (AT_30_HZ[chosen[-1]] - AT_30_HZ[chosen[0]]), 2) == 3.06
 
 
 def test_max_frames_keeps_the_first_ones():

@@ -122,3 +122,19 @@ def test_an_option_that_colmap_lost_is_told_so_and_needs_the_papers_program(
     assert "COLMAP 4 has no such option" in path.read_text()
     with pytest.raises(DefinitionError, match="there is no program 'glomap' that can be run; install it"):
         checked_definition(tomllib.loads(path.read_text()), path.name)
+
+
+PAPER = sorted((FOLDER / "paper").rglob("*.toml"))
+
+
+@pytest.mark.parametrize("path", PAPER, ids=lambda path: str(path.relative_to(FOLDER)))
+def test_the_papers_studies_take_its_frames_its_score_and_its_baseline(path: Path) -> None:
+    definition = load_definition(path)
+    (sequence,) = definition.sequences
+    gtf = definition.gtf
+
+    assert (gtf.aggregate, gtf.normalise, gtf.common_noise) == ("mean", "none", False)
+    assert sequence.max_frames == 50
+    assert (sequence.rate_hz, sequence.stride) in ((3.0, None), (None, 10))
+    if definition.pipeline.name == "glomap":
+        assert definition.pipeline.nominal == {"mapper.bundle_adjustment.ceres.loss_function_scale": 0.1}

@@ -22,13 +22,20 @@ _CAMERA = Camera("PINHOLE", 640, 480, (320.0, 320.0, 320.0, 240.0))
 _NED_FROM_OPENCV = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
 
 
+def _files(root: Path) -> tuple[Path, Path]:
+    """Return the folder of images and the file of poses: those of a trajectory, or of the monocular test track."""
+    of_the_test_track = root.parent.with_name("mono_gt") / f"{root.name}.txt"
+    return (root, of_the_test_track) if of_the_test_track.is_file() else (root / "image_left", root / "pose_left.txt")
+
+
 def _matches(root: Path) -> bool:
-    return (root / "image_left").is_dir() and (root / "pose_left.txt").is_file()
+    images, poses = _files(root)
+    return images.is_dir() and poses.is_file()
 
 
 def _read(root: Path, _: Reading) -> Recording:
-    frames = counted_frames(list_images(root / "image_left"))
-    path = root / "pose_left.txt"
+    images, path = _files(root)
+    frames = counted_frames(list_images(images))
     rows = np.array([to_numbers(fields, path, line) for line, fields in _pose_rows(path)]).reshape(-1, 7)
     if len(rows) != len(frames):
         raise SequenceError(
@@ -67,6 +74,7 @@ TARTANAIR = Layout(
     read=_read,
     help=(
         "TartanAir v1 (https://github.com/castacks/tartanair_tools): download image_left of an environment and give "
-        "one trajectory's folder, such as office/Easy/P000, which holds image_left/ and pose_left.txt."
+        "one trajectory's folder, such as office/Easy/P000, which holds image_left/ and pose_left.txt; or unpack the "
+        "monocular test track and give mono/ME001, whose poses are found in mono_gt/ME001.txt."
     ),
 )
