@@ -29,7 +29,7 @@ class Selection:
        the first frame (0 keeps all). Frames inside a gap of the recording are not made up.
     3. ``max_frames`` keeps the first so many (0 keeps all).
 
-    So the paper's "50 of 2000 images, 3.06 Hz" is ``Selection(rate_hz=3.0, max_frames=50)``: every tenth image of 30 Hz.
+    So the paper's "50 of 2000 images, 3.06 Hz" is ``Selection(rate_hz=3.0, max_frames=50)``: every tenth of 30 Hz.
     The 50 frames span 49 x 10 / 30 = 16.33 s, and 50 / 16.33 is 3.06. 50 frames spread evenly over 2000 are
     ``Selection(stride=40)``.
 
