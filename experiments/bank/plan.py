@@ -1,6 +1,6 @@
 """What the bank holds: sequences in light forms, configurations, copies, and the order in which runs are made."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
@@ -146,13 +146,23 @@ def copies(clean: int, noisy: int, noisier: int = 0) -> list[Copy]:
     return [copy for _, copy in sorted(counted)]
 
 
+FIRST = ("dtu-scan24", "room-0", "fountain-P11", "room-2", "nerf-lego", "room-6", "kitti00-turn", "room-1")
+FIRST += ("dtu-scan37", "room-5")
+"""Sequences whose runs take the fewest seconds: they are filled first, so that something can be replayed soon."""
+
 _ROUNDS = ((5, (2, 4, 0)), (8, (4, 8, 0)), (8, (4, 16, 0)), (10, (4, 8, 4)), (len(CONFIGURATIONS), (4, 16, 8)))
 """How many of the configurations are run on how many copies: clean, noisy, noisier."""
 
 
 def batches() -> Iterator[Batch]:
     """Yield all batches in the order of work; a later one may repeat runs of an earlier one, which are stored."""
+    by_name = {sequence.name: sequence for sequence in SEQUENCES}
+    yield from _round([by_name[name] for name in FIRST], *_ROUNDS[0])
     for configurations, counts in _ROUNDS:
-        for copy in copies(*counts):
-            for sequence in SEQUENCES:
-                yield Batch(sequence, copy, tuple(CONFIGURATIONS)[:configurations])
+        yield from _round(SEQUENCES, configurations, counts)
+
+
+def _round(sequences: Sequence[BankSequence], configurations: int, counts: tuple[int, int, int]) -> Iterator[Batch]:
+    for copy in copies(*counts):
+        for sequence in sequences:
+            yield Batch(sequence, copy, tuple(CONFIGURATIONS)[:configurations])

@@ -10,7 +10,7 @@ import pytest
 from experiments.bank.bank import COPIES, PER_RUN, Bank, load
 from experiments.bank.draw import Draw, Others, TooFewRunsError, block, price, seen_of, set_aside
 from experiments.bank.page import page
-from experiments.bank.plan import CONFIGURATIONS, NOMINAL, SEQUENCES, batches, copies
+from experiments.bank.plan import CONFIGURATIONS, FIRST, NOMINAL, SEQUENCES, batches, copies
 from experiments.bank.replay import draws, replay, sound
 from experiments.bank.rules import RULES, confirmed, fixed, in_hindsight, nominal, posterior, race
 
@@ -55,11 +55,11 @@ def without_runs(bank, places):
 
 
 def test_the_plan_begins_with_nominal_and_any_beginning_can_be_replayed():
-    first = list(islice(batches(), 6 * len(SEQUENCES)))
+    first = list(islice(batches(), 6 * len(FIRST)))
 
     assert next(iter(CONFIGURATIONS)) == NOMINAL
     assert {batch.labels for batch in first} == {tuple(CONFIGURATIONS)[:5]}
-    assert [batch.sequence for batch in first[: len(SEQUENCES)]] == list(SEQUENCES)
+    assert [batch.sequence.name for batch in first[: len(FIRST)]] == list(FIRST)
     assert sorted({batch.copy for batch in first}) == sorted(copies(2, 4))
 
 
