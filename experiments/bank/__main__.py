@@ -2,7 +2,10 @@
 
 import argparse
 import os
+import sys
 from pathlib import Path
+
+from gtf_tune.errors import GtfTuneError
 
 WORK_VARIABLE = "GTF_TUNE_BANK"
 PAGE = Path("docs/bank.md")
@@ -11,7 +14,10 @@ PAGE = Path("docs/bank.md")
 def main() -> None:
     arguments = _arguments()
     arguments.work = (arguments.work or Path(os.environ.get(WORK_VARIABLE, "storage/data/bank"))).absolute()
-    {"fill": _fill, "pack": _pack, "replay": _replay}[arguments.command](arguments)
+    try:
+        {"fill": _fill, "pack": _pack, "replay": _replay}[arguments.command](arguments)
+    except GtfTuneError as error:
+        sys.exit(str(error))
 
 
 def _fill(arguments: argparse.Namespace) -> None:
@@ -29,12 +35,14 @@ def _pack(arguments: argparse.Namespace) -> None:
 
 
 def _replay(arguments: argparse.Namespace) -> None:
-    from experiments.bank.bank import load
+    from experiments.bank.bank import BANK_FILE, load
     from experiments.bank.page import page
     from experiments.bank.replay import replay
     from experiments.bank.rules import RULES
 
     del arguments
+    if not BANK_FILE.exists():
+        sys.exit(f"there is no {BANK_FILE}; run `python -m experiments.bank fill` and then `pack`")
     bank = load()
     PAGE.write_text(page(bank, replay(bank, RULES)), encoding="utf-8")
 
