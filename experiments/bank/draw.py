@@ -141,6 +141,7 @@ def price(bank: Bank, sequence: int, used: set[tuple[int, int]]) -> float:
     return float((len(images) * front + middle + mapping) / plain)
 
 
+@lru_cache(maxsize=1024)
 def _middle(bank: Bank, sequence: int, member: int) -> float:
     """Return the seconds of verification and positioning, which configurations of equal verification share."""
     alike = [
