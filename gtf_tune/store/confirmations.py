@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.session import columns_of, read_rows, write
+from gtf_tune.store.studies import locked
 
 
 @dataclass(frozen=True)
@@ -25,14 +26,21 @@ class Confirmation:
 def add(
     database: Database, study_id: int, definition: Mapping[str, Any], result: Mapping[str, Any], verdict: str
 ) -> Confirmation:
-    """Store a confirmation and return it."""
+    """Store a confirmation, unless the same one is stored, and return what is stored.
+
+    It is the same where the same runs, seeds included, were asked for, whoever did so.
+    """
     new = Confirmation(time.time(), dict(definition), dict(result), verdict)
 
     def work(session: Session) -> Confirmation:
+        locked(session, study_id)
         row = models.Confirmation
-        if session.scalar(select(row.id).where(row.study_id == study_id, row.created_at == new.created_at)) is None:
+        query = select(*columns_of(row, Confirmation)).where(row.study_id == study_id).order_by(row.id)
+        stored = [Confirmation(*found) for found in session.execute(query)]
+        same = next((one for one in stored if one.definition == new.definition), None)
+        if same is None:
             session.add(row(study_id=study_id, **vars(new)))
-        return new
+        return same or new
 
     return write(database, work)
 

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, cast
 
@@ -296,13 +296,23 @@ def locked(session: Session, study_id: int) -> models.Study:
     return session.scalars(select(models.Study).where(models.Study.id == study_id).with_for_update()).one()
 
 
-def resolve_noise(database: Database, study_id: int, sigmas: Mapping[str, float]) -> dict[str, float]:
-    """Store the noise of sequences that have none yet, and return that of all: the first to store one decides it."""
+NOISE_RUNS_KEY = "noise_runs"
+"""Where ``resolved`` of a study keeps the keys of the runs by which its noise was measured: no trial has them."""
+
+
+def resolve_noise(
+    database: Database, study_id: int, sigmas: Mapping[str, float], run_keys: Iterable[str] = ()
+) -> dict[str, float]:
+    """Store the noise of sequences that have none yet, and return that of all: the first to store one decides it.
+
+    ``run_keys`` are those of the runs by which it was measured.
+    """
 
     def work(session: Session) -> dict[str, float]:
         row = locked(session, study_id)
         found = {**sigmas, **row.resolved["noise_sigma"]}
-        row.resolved = {**row.resolved, "noise_sigma": found}
+        keys = sorted({*row.resolved.get(NOISE_RUNS_KEY, ()), *run_keys})
+        row.resolved = {**row.resolved, "noise_sigma": found, **({NOISE_RUNS_KEY: keys} if keys else {})}
         return found
 
     return write(database, work)
@@ -320,14 +330,16 @@ def delete_study(database: Database, name: str) -> None:
 
 def _delete(session: Session, study_id: int) -> None:
     kept: set[str] = set()
-    confirmed: set[str] = set()
+    mine: set[str] = set()
     for owner, definition in session.execute(select(models.Confirmation.study_id, models.Confirmation.definition)):
-        (confirmed if owner == study_id else kept).update(definition.get("run_keys", ()))
+        (mine if owner == study_id else kept).update(definition.get("run_keys", ()))
+    for owner, resolved in session.execute(select(models.Study.id, models.Study.resolved)):
+        (mine if owner == study_id else kept).update(resolved.get(NOISE_RUNS_KEY, ()))
     used = select(models.TrialRun.run_id).join(models.Trial, models.Trial.id == models.TrialRun.trial_id)
     here, elsewhere = used.where(models.Trial.study_id == study_id), used.where(models.Trial.study_id != study_id)
     for statement in (
         delete(models.Run).where(
-            or_(models.Run.id.in_(here), models.Run.key.in_(confirmed - kept)),
+            or_(models.Run.id.in_(here), models.Run.key.in_(mine - kept)),
             models.Run.id.not_in(elsewhere),
         ),
         delete(models.Study).where(models.Study.id == study_id),

@@ -11,9 +11,9 @@ from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, trial_queue, trials
 from gtf_tune.store.database import Database, open_database
 from gtf_tune.store.ground_truth_errors import Validation
+from gtf_tune.store.maintenance import copy
 from gtf_tune.store.maintenance.copy import copy_study
 from gtf_tune.store.maintenance.digest import study_digest
-from gtf_tune.store.optuna import copy
 from gtf_tune.store.optuna.rows import NUMBER_KEY
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import TrialRun, trajectories
@@ -179,9 +179,33 @@ def test_a_study_of_the_same_name_is_never_overwritten(
     kept = make_study(target, "room")
     with pytest.raises(StorageError, match="already holds a study 'room'"):
         copy_study(source, target, "room")
-    studies.set_state(target, kept.id, "copying")
-    with pytest.raises(StorageError, match="unfinished copy of study 'room'; copy to another"):
-        copy_study(source, target, "room")
+    assert studies.get(target, "room") == kept
+
+
+@pytest.mark.parametrize("last_step", ["create_optuna_study", "copy_optuna_study", "_copy_runs", "_copy_trials"])
+def test_a_copy_that_was_killed_between_its_steps_is_made_anew(
+    last_step: str,
+    pair: tuple[Database, Database],
+    fill: Callable[[Database], Study],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    source, target = pair
+    fill(source)
+
+    def killed(*arguments: object) -> object:
+        step(*arguments)
+        raise KeyboardInterrupt  # as SIGKILL, which lets nothing be undone either
+
+    with monkeypatch.context() as patched:
+        step = getattr(copy, last_step)
+        patched.setattr(copy, last_step, killed)
+        patched.setattr(copy, "_undo", lambda *_: None)
+        with pytest.raises(KeyboardInterrupt):
+            copy_study(source, target, "room")
+
+    assert copy_study(source, target, "room") == study_digest(source, "room")
+    assert studies.get(target, "room").state == "open"
+    assert len(optuna_storage(target).get_all_studies()) == 1
 
 
 def test_an_optuna_study_of_the_same_name_is_never_overwritten(

@@ -72,12 +72,14 @@ def test_the_runs_of_a_confirmation_share_no_noise_and_no_seed_with_the_search(
     assert not noisy[0] & noisy[1]
 
 
-def test_a_second_confirmation_draws_noise_of_its_own(room: Path, database: Database, run_study: Runner) -> None:
+def test_a_second_confirmation_draws_noise_of_its_own_where_it_is_asked_to(
+    room: Path, database: Database, run_study: Runner
+) -> None:
     run_study(definition_of(room, **GRID))
 
     _confirm(database, top=1, noisy_runs=4)
     first = _run_keys(database)
-    _confirm(database, top=1, noisy_runs=4)
+    _confirm(database, top=1, noisy_runs=4, again=True)
 
     assert not set(first) & set(_run_keys(database))
 

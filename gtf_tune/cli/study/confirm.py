@@ -41,6 +41,7 @@ Top = Annotated[int, typer.Option("--top", min=1, max=1000, help="How many of th
 Runs = Annotated[
     int, typer.Option("--runs", "-N", min=1, max=1000, help="Fresh noisy runs of each trial and sequence.")
 ]
+Again = Annotated[bool, typer.Option("--again", help="Draw other noise than the latest confirmation did.")]
 
 
 def confirm(
@@ -48,6 +49,7 @@ def confirm(
     top: Top = 3,
     runs: Runs = 16,
     jobs: Jobs = None,
+    again: Again = False,
     sequence: Places = None,
     cache_dir: CacheDir = None,
     allow_version_mismatch: VersionMismatch = False,
@@ -57,7 +59,8 @@ def confirm(
 ) -> None:
     """Run nominal and the best trials on fresh noise, and say which to adopt.
 
-    An interrupted confirmation continues where it stopped; each further one draws noise of its own.
+    An interrupted confirmation continues where it stopped. The same one a second time says the same; with --again it
+    draws other noise.
 
     Example: gtf-tune study confirm photos --top 3 --runs 16
     """
@@ -69,15 +72,15 @@ def confirm(
 
     database = open_storage(storage)
     study = open_for_work(database, name, sequence, allow_version_mismatch)
-    plan = plan_confirmation(study, place_folders(sequence), top=top, noisy_runs=runs)
+    plan = plan_confirmation(study, place_folders(sequence), top=top, noisy_runs=runs, again=again)
     stop = StopRequest()
     with signals_to(stop, say), make_executor(jobs or default_jobs(), cache_dir) as executor:
         source = RunSource(database, executor, run_limits(study.definition.limits), stop, _say_event, study.nominal_run)
         try:
             verdict = confirm_plan(study, plan, source)
         except Interrupted:
-            again = f"gtf-tune study confirm {name} --top {top} --runs {runs}{storage_flag(database)}"
-            say(f"stopped; the same command continues: {again}")
+            flags = f"--top {top} --runs {runs}{' --again' if again else ''}{storage_flag(database)}"
+            say(f"stopped; the same command continues: gtf-tune study confirm {name} {flags}")
             raise typer.Exit(INTERRUPTED_EXIT_CODE) from None
     if dashboard:
         from gtf_tune.report.dashboard.sync import DashboardSync

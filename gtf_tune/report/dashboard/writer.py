@@ -27,6 +27,7 @@ from gtf_tune.report.drawing import theme
 from gtf_tune.report.drawing.markup import figure_id
 from gtf_tune.report.panels.base import Drawing
 from gtf_tune.store.database import Database
+from gtf_tune.store.database.schema import advisory_transaction
 from gtf_tune.store.optuna.tables import forget_attributes
 from gtf_tune.store.optuna.trials import TrialHandle, storage_of, study_id_of
 
@@ -68,15 +69,14 @@ def turn_to_write(database: Database, study_id: int, patience_s: float = 0.0) ->
             yield mine
         return
     key = _ADVISORY_LOCK + study_id
-    with database.engine.execution_options(isolation_level="AUTOCOMMIT").connect() as connection:
-        take = text("SELECT pg_try_advisory_lock(:key)")
-        mine = _within(patience_s, lambda: bool(connection.scalar(take, {"key": key})))
-        try:
-            yield mine
-        finally:
-            if mine:
-                with suppress(DBAPIError):  # a server that dropped the connection has released the lock already
-                    connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": key})
+    turn = advisory_transaction(database.engine)
+    connection = turn.__enter__()
+    take = text("SELECT pg_try_advisory_xact_lock(:key)")
+    try:
+        yield _within(patience_s, lambda: bool(connection.scalar(take, {"key": key})))
+    finally:
+        with suppress(DBAPIError):  # a server that dropped the connection has released the lock already
+            turn.__exit__(None, None, None)
 
 
 @contextmanager

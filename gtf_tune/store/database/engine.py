@@ -145,7 +145,8 @@ def untuned_arguments(url: URL) -> dict[str, Any]:
     alive = {"keepalives_idle": 30, "keepalives_interval": 10, "keepalives_count": 3, "tcp_user_timeout": 60_000}
     defaults = {"connect_timeout": 10, "application_name": "gtf-tune", **alive}
     connect = {key: value for key, value in defaults.items() if key not in url.query}
-    return {"connect_args": connect, "pool_pre_ping": True, "hide_parameters": True}
+    # PgBouncer that pools transactions gives a prepared statement's name to whoever comes next.
+    return {"connect_args": {**connect, "prepare_threshold": None}, "pool_pre_ping": True, "hide_parameters": True}
 
 
 def make_engine(url: URL) -> Engine:

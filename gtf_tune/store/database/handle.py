@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 from sqlalchemy import Engine
 from sqlalchemy.engine import URL
@@ -12,7 +12,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from gtf_tune.errors import StorageError, UnreachableError
 from gtf_tune.store.database.backup import back_up
-from gtf_tune.store.database.engine import READ_ONLY, display_url, make_engine, parse_url
+from gtf_tune.store.database.engine import READ_ONLY, can_write, display_url, make_engine, parse_url
 from gtf_tune.store.database.errors import storage_error
 from gtf_tune.store.database.schema import REVISIONS, check_revision, create_schema, current_revision, upgrade_schema
 from gtf_tune.store.optuna.revision import optuna_revision
@@ -34,6 +34,18 @@ class Database:
     url: URL = field(repr=False)
     engine: Engine = field(repr=False)
     reader: Engine = field(repr=False)
+    file: "_File | None" = field(default=None, repr=False)
+
+    def check_in_place(self) -> None:
+        """Raise `StorageError` if a SQLite file was removed, moved or replaced since it was opened.
+
+        What is written then is lost with the process, or lies in a file of another name.
+        """
+        if self.file is not None and _File.at(self.file.path) != self.file:
+            raise StorageError(
+                f"{self.shown_url} was removed, moved or replaced while it was in use, and what was stored since may "
+                "be missing; put the file back, with its -wal and -shm files, then resume"
+            )
 
     @property
     def shown_url(self) -> str:
@@ -134,9 +146,33 @@ def connect(storage: str) -> Database:
     if url.get_backend_name() == "sqlite":
         _check_file(Path(str(url.database)), display_url(url))
     engine = make_engine(url)
-    database = Database(url, engine, engine.execution_options(**_reading(engine)))
+    database = Database(url, engine, engine.execution_options(**_reading(engine)), _file_of(url))
     _guarded(database, lambda: engine.connect().close())
     return database
+
+
+def _file_of(url: URL) -> "_File | None":
+    """Return the SQLite file that this process writes to; ``None`` for servers and for what it can only read."""
+    path = Path(str(url.database)).absolute()
+    return _File.at(path) if url.get_backend_name() == "sqlite" and can_write(path) else None
+
+
+@dataclass(frozen=True)
+class _File:
+    """What tells a file from another one of its name; ``inode`` is 0 where there is none."""
+
+    path: Path
+    device: int = 0
+    inode: int = 0
+
+    @classmethod
+    def at(cls, path: Path) -> Self:
+        """Return the file that lies there now."""
+        try:
+            status = path.stat()
+        except OSError:
+            return cls(path)
+        return cls(path, status.st_dev, status.st_ino)
 
 
 def _reading(engine: Engine) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from sqlalchemy import Engine, column, inspect, select, table, text
+from sqlalchemy import Connection, Engine, column, inspect, select, table, text
 from sqlalchemy.engine import URL
 
 from gtf_tune.errors import StorageError
@@ -125,9 +125,17 @@ def _alone(engine: Engine, url: URL) -> Iterator[None]:
             lock(folder)
             yield
         return
-    with engine.execution_options(isolation_level="AUTOCOMMIT").connect() as connection:
-        connection.execute(text("SELECT pg_advisory_lock(:key)"), {"key": _ADVISORY_LOCK})
-        try:
-            yield
-        finally:
-            connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": _ADVISORY_LOCK})
+    with advisory_transaction(engine) as connection:
+        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _ADVISORY_LOCK})
+        yield
+
+
+@contextmanager
+def advisory_transaction(engine: Engine) -> Iterator[Connection]:
+    """Yield a connection in a transaction for an advisory lock, which lasts as long as the context does.
+
+    A lock of the session would be that of whoever gets the connection next where PgBouncer pools transactions.
+    """
+    with engine.connect() as connection, connection.begin():
+        connection.execute(text("SET LOCAL idle_in_transaction_session_timeout = 0"))
+        yield connection

@@ -58,8 +58,11 @@ def patiently(database: Database, attempt: Callable[[], Result]) -> Result:
     pause_s = 0.05
     while True:
         try:
-            return attempt()
+            result = attempt()
+            database.check_in_place()
+            return result
         except SQLAlchemyError as error:
+            database.check_in_place()
             if not is_transient(error) or time.monotonic() > give_up_at:
                 raise storage_error(error, database.url) from error
         _pause(pause_s * random.uniform(0.5, 1.0))

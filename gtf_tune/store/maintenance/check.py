@@ -15,7 +15,7 @@ from gtf_tune.store.maintenance.check_contents import check_tables, unreadable
 from gtf_tune.store.optuna.link import foreign_trials, optuna_study_id
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import trajectories
-from gtf_tune.store.studies import Study
+from gtf_tune.store.studies import NOISE_RUNS_KEY, Study
 
 
 @dataclass(frozen=True)
@@ -145,8 +145,8 @@ def _notes(database: Database) -> Iterator[str]:
     unused = len(_unused_runs(database))
     if unused:
         yield (
-            f"{unused} runs belong to no trial and no confirmation: measurements of noise, or trials that were "
-            "stopped; they will be reused"
+            f"{unused} runs belong to no trial and no confirmation, such as those of trials that were stopped; they "
+            "will be reused"
         )
     for study in [studies.get(database, name) for name in studies.names(database)]:
         if study.state == "copying":
@@ -168,11 +168,15 @@ def _of_other_programs(database: Database, study: Study) -> Iterator[str]:
 
 
 def _unused_runs(database: Database) -> set[str]:
-    """Return the keys of the runs that neither a trial nor a confirmation uses."""
+    """Return the keys of the runs that no trial, no confirmation and no choice of a noise uses."""
     used = select(models.TrialRun.run_id).where(models.TrialRun.run_id == models.Run.id)
     of_no_trial = {key for (key,) in read_rows(database, select(models.Run.key).where(~used.exists()))}
-    plans = [plan for (plan,) in read_rows(database, select(models.Confirmation.definition))] if of_no_trial else []
-    return of_no_trial - {key for plan in plans for key in plan.get("run_keys") or ()}
+    if not of_no_trial:
+        return of_no_trial
+    plans = [plan for (plan,) in read_rows(database, select(models.Confirmation.definition))]
+    resolved = [found for (found,) in read_rows(database, select(models.Study.resolved))]
+    confirmed = {key for plan in plans for key in plan.get("run_keys") or ()}
+    return of_no_trial - confirmed - {key for found in resolved for key in found.get(NOISE_RUNS_KEY) or ()}
 
 
 def _count(database: Database, query: Select[int]) -> int:

@@ -32,7 +32,8 @@ _RELEASED = {"claim": None, "heartbeat_at": None}
 def copy_study(source: Database, target: Database, name: str) -> str:
     """Copy a study, its Optuna study and its runs, those of confirmations too; return the digest that both have.
 
-    Slots in work become released ones in the copy. The files of artifacts stay where they are.
+    Trials in work become released ones in the copy. The files of artifacts stay where they are. What a copy that was
+    killed left in the target is deleted first.
 
     Raises
     ------
@@ -42,12 +43,12 @@ def copy_study(source: Database, target: Database, name: str) -> str:
     """
     _check_different(source, target)
     study = studies.get(source, name)
-    _check_absent(target, name)
+    _make_place(target, name)
     study = replace(study, optuna_study_id=optuna_study_id(source, study))
     optuna_id = create_optuna_study(target, name)
     new_id = _copy_study_row(source, target, study, optuna_id)
     with ExitStack() as undo:
-        undo.callback(studies.delete_study, target, name)
+        undo.callback(_undo, target, name)
         optuna_ids = copy_optuna_study(source, target, study.optuna_study_id, optuna_id)
         run_ids = _copy_runs(source, target, study.id)
         _copy_trials(source, target, (study.id, new_id), optuna_ids, run_ids)
@@ -57,20 +58,25 @@ def copy_study(source: Database, target: Database, name: str) -> str:
     return digest
 
 
+def _undo(target: Database, name: str) -> None:
+    studies.delete_study(target, name)
+
+
 def _check_different(source: Database, target: Database) -> None:
     if place_of(source.url) == place_of(target.url):
         raise StorageError(f"both storages are {source.shown_url}; give another one to copy to")
 
 
-def _check_absent(target: Database, name: str) -> None:
+def _make_place(target: Database, name: str) -> None:
+    """Delete an unfinished copy of a study, and raise `StorageError` if there is another study of its name."""
     if name not in studies.names(target):
         return
-    begun = studies.get(target, name).state == "copying"
-    found = "an unfinished copy of study" if begun else "a study"
-    raise StorageError(
-        f"{target.shown_url} already holds {found} '{name}'; copy to another storage, or delete that one first",
-        remedy=("delete there", name, target.shown_url),
-    )
+    if studies.get(target, name).state != "copying":
+        raise StorageError(
+            f"{target.shown_url} already holds a study '{name}'; copy to another storage, or delete that one first",
+            remedy=("delete there", name, target.shown_url),
+        )
+    studies.delete_study(target, name)
 
 
 def _copy_study_row(source: Database, target: Database, study: Study, optuna_id: int) -> int:

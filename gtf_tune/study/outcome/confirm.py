@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from gtf_tune.errors import DefinitionError
 from gtf_tune.gtf import gtf_score
@@ -23,7 +24,7 @@ from gtf_tune.study.outcome.baselines import baseline_trials
 from gtf_tune.study.outcome.contradiction import CleanRun
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
 from gtf_tune.study.outcome.recommendation import without_feasible_trial
-from gtf_tune.study.outcome.verdict import Verdict
+from gtf_tune.study.outcome.verdict import Verdict, verdict_of
 from gtf_tune.study.runs.plan import FinishedRun, RunPlanner, SeedSource, run_order
 from gtf_tune.study.runs.run_source import RunSource, finished_by_sequence
 from gtf_tune.study.scoring.objective import settings_of
@@ -75,12 +76,14 @@ def plan_confirmation(
     top: int = DEFAULT_TOP,
     noisy_runs: int = DEFAULT_RUNS,
     chosen: Sequence[Trial] | None = None,
+    again: bool = False,
 ) -> ConfirmationPlan:
     """Return the plan of a confirmation of the study as it stands.
 
     Candidates are the complete feasible trials with values below nominal's: the best ``top`` with different options, or
     those that were ``chosen``. The baselines of the definition are compared too.
-    ``places`` gives the folders of sequences that lie elsewhere on this machine.
+    ``places`` gives the folders of sequences that lie elsewhere on this machine. A plan equal to that of the latest
+    confirmation stands for that one, whose runs are there; ``again`` wants other noise.
 
     Raises
     ------
@@ -107,11 +110,15 @@ def plan_confirmation(
         for label, trial in baseline_trials(study.definition, nominal).items()
         if all(trial.options != other.options for other in (nominal, *candidates))
     }
-    return ConfirmationPlan(nominal, candidates, _all_sequences(study, places), noisy_runs, len(earlier) + 1, baselines)
+    sequences = _all_sequences(study, places)
+    plan = ConfirmationPlan(nominal, candidates, sequences, noisy_runs, len(earlier) + 1, baselines)
+    if earlier and not again and _scope(study, plan).items() <= earlier[-1].definition.items():
+        return replace(plan, round=len(earlier))
+    return plan
 
 
 def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Verdict:
-    """Run a plan, judge the candidates, store the verdict and return it.
+    """Run a plan, judge the candidates, store the verdict and return it; one that is stored already stays as it is.
 
     Raises
     ------
@@ -128,16 +135,19 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Verd
     holdouts = frozenset(plan.sequences) - frozenset(study.sequences)
     findings = Findings(measured[0] if measured else None, tuple(measured[1:]), holdouts)
     verdict = replace(judge(findings, study.definition.gtf), noisy_runs=plan.noisy_runs)
-    definition = {
+    definition = {**_scope(study, plan), "purpose": plan.purpose, "run_keys": keys}
+    stored = confirmations.add(study.database, study.record.id, definition, verdict.as_json(), verdict.word)
+    return verdict_of(stored)
+
+
+def _scope(study: OpenStudy, plan: ConfirmationPlan) -> dict[str, Any]:
+    """Return what is confirmed, as it is stored."""
+    return {
         "ordinals": [plan.nominal.number, *(trial.number for _, trial in plan.compared)],
         "sequences": list(plan.sequences),
         "clean_runs": study.definition.gtf.clean_runs,
         "noisy_runs": plan.noisy_runs,
-        "purpose": plan.purpose,
-        "run_keys": keys,
     }
-    confirmations.add(study.database, study.record.id, definition, verdict.as_json(), verdict.word)
-    return verdict
 
 
 def best_candidates(known: Sequence[Trial], nominal: Trial, top: int) -> tuple[Trial, ...]:
