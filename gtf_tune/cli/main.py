@@ -111,6 +111,11 @@ _STUDY = {
         "study.edit:enqueue",
     ),
     "list": Entry("Look", "List the studies of a storage.", "study.listing:list_studies"),
+    "compare": Entry(
+        "Look",
+        "Put studies side by side: what each picked, and what ground truth says of it where there is any.",
+        "study.compare:compare",
+    ),
     "show": Entry(
         "Look", "Show a study: what is tuned, on what, its trials, and which of them to use.", "study.show:show"
     ),
