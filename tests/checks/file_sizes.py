@@ -1,4 +1,4 @@
-"""Fail when a source file has more than 400 lines, or a folder of the package more than 20 modules."""
+"""Fail when a source file has more than 400 lines, a folder of the package more than 20 modules, or a file 2 MB."""
 
 import subprocess
 import sys
@@ -7,13 +7,15 @@ from pathlib import Path
 
 MOST_LINES = 400
 MOST_MODULES = 20
+MOST_BYTES = 2_000_000
 PACKAGE = Path("gtf_tune")
 
 
 def main() -> int:
-    listed = subprocess.run(["git", "ls-files", "*.py"], capture_output=True, text=True, check=True)
-    files = [Path(name) for name in listed.stdout.split() if Path(name).exists()]
-    faults = [*long_files(files), *full_folders(files)]
+    listed = subprocess.run(["git", "ls-files", "-z"], capture_output=True, text=True, check=True)
+    known = [Path(name) for name in listed.stdout.split("\0") if name and Path(name).exists()]
+    files = [path for path in known if path.suffix == ".py"]
+    faults = [*long_files(files), *full_folders(files), *heavy_files(known)]
     for fault in faults:
         sys.stderr.write(f"{fault}\n")
     return 1 if faults or not files else 0
@@ -26,6 +28,14 @@ def long_files(files: list[Path]) -> list[str]:
         f"{path} has {size} lines, more than {MOST_LINES}; split it by idea"
         for path, size in sizes.items()
         if size > MOST_LINES
+    ]
+
+
+def heavy_files(files: list[Path]) -> list[str]:
+    """Return a sentence for every file, of whatever kind, that is too large to be kept in the history for ever."""
+    sizes = {path: path.stat().st_size for path in files}
+    return [
+        f"{path} has {size} bytes; keep it out of the repository" for path, size in sizes.items() if size > MOST_BYTES
     ]
 
 
