@@ -13,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from gtf_tune.definition import (
     Axis,
+    RangeAxis,
     StudyDefinition,
     bound_faults,
     definition_from_dict,
@@ -30,7 +31,7 @@ from gtf_tune.store.studies import NewStudy, Study
 from gtf_tune.study.open_study import load_defined_sequence, make_pipeline, runnable, sequence_row
 from gtf_tune.study.scoring.objective import RESOLVED_KEY, SCORING_VERSION
 from gtf_tune.study.search.samplers import check_search
-from gtf_tune.study.search.space import SearchSpace, build_space, option_faults, space_faults
+from gtf_tune.study.search.space import SearchSpace, build_space, grid_values, option_faults, space_faults
 from gtf_tune.version import __version__
 
 METRIC_NAME = "GTF ATE"
@@ -41,6 +42,8 @@ def checked_definition(
 ) -> StudyDefinition:
     """Return a definition whose options and axes suit its pipeline.
 
+    A range in logarithms cannot hold 0: where that is nominal, the range becomes the list of 0 and of its points.
+
     ``hints`` say, by the name of a section, how to give it where it is missing.
 
     Raises
@@ -49,6 +52,7 @@ def checked_definition(
         Something is wrong; the message names every fault, of the structure of the file and of the options in it.
     """
     refuse_unbounded(data, source)
+    data = _with_zeros(data)
     faults = _option_faults(data)
     try:
         definition = definition_from_dict(data, source, map(str, faults), hints)
@@ -172,6 +176,22 @@ def _option_faults(data: Mapping[str, Any]) -> list[GtfTuneError]:
     for options in [*(first if isinstance(first, list) else ()), *_mapping(search.get("baselines")).values()]:
         _checked(options, table, faults)
     return faults + space_faults(_sound_axes(data.get("space")), table, nominal)
+
+
+def _with_zeros(data: Mapping[str, Any]) -> Mapping[str, Any]:
+    section, space = _mapping(data.get("pipeline")), data.get("space")
+    axes = {name: axis for name, axis in _sound_axes(space).items() if isinstance(axis, RangeAxis) and axis.log}
+    if not axes or not isinstance(section.get("name"), str):
+        return data
+    try:
+        specs = create_pipeline(section["name"], _mapping(section.get("settings"))).options.specs
+    except GtfTuneError:
+        return data  # reported with the other faults
+    defaults = {name: spec.default for name, spec in specs.items()} | dict(_mapping(section.get("nominal")))
+    lists = {
+        name: {"values": [0, *grid_values(specs[name], axis)]} for name, axis in axes.items() if defaults.get(name) == 0
+    }
+    return {**data, "space": {**_mapping(space), **lists}}
 
 
 def _checked(options: object, table: OptionTable, faults: list[GtfTuneError]) -> dict[str, OptionValue]:

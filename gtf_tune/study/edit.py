@@ -11,7 +11,7 @@ from typing import Any
 
 from gtf_tune.definition import Axis, RangeAxis, StudyDefinition, dump_definition
 from gtf_tune.errors import DefinitionError
-from gtf_tune.store import studies, trials
+from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.enqueued import numbers_of
 from gtf_tune.store.studies import Study, stored_definition
@@ -57,11 +57,11 @@ def extend_study(database: Database, name: str, extension: Extension) -> Study:
     studies.check_whole(study)
     definition = stored_definition(study)
     _refuse(definition, extension)
+    _refuse_less(study, definition, extension)
     changed = _changed(definition, extension)
     if extension.trials is not None:  # the total, of which the definition knows those of the search
         changed["search"]["trials"] = max(extension.trials - len(numbers_of(study.resolved)), 1)
     extended = checked_definition(changed, f"study '{name}'")
-    _refuse_too_few(database, study, extended)
     studies.replace_definition(database, study.id, dump_definition(extended))
     if studies.state(database, study.id) == "done":  # asked again: until now a worker may have closed it
         studies.set_state(database, study.id, "open")
@@ -162,11 +162,11 @@ def _axis_fault(definition: StudyDefinition, option: str, axis: Mapping[str, Any
     return ""
 
 
-def _refuse_too_few(database: Database, study: Study, extended: StudyDefinition) -> None:
-    handed_out = sum(trials.counts(database, study.id).values())
-    budget = defined_budget(extended) + len(numbers_of(study.resolved))
-    if budget < handed_out:
+def _refuse_less(study: Study, definition: StudyDefinition, extension: Extension) -> None:
+    now = defined_budget(definition) + len(numbers_of(study.resolved))
+    if extension.trials is not None and extension.trials < now:
         raise DefinitionError(
-            f"study '{study.name}' has {handed_out} trials already, more than {budget}; give it more",
+            f"study '{study.name}' has {now} trials already, more than {extension.trials}, which would be the new "
+            "total; give a larger one",
             remedy=("trials",),
         )

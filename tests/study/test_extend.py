@@ -5,6 +5,7 @@ import pytest
 from gtf_tune.errors import DefinitionError, OptionError, StorageError
 from gtf_tune.store import runs, studies, trials
 from gtf_tune.store.database import Database
+from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.edit import Extension, derive_study, extend_study
 from gtf_tune.study.open_study import open_study
 from tests.study.conftest import Runner, definition_of
@@ -43,6 +44,13 @@ def test_fewer_trials_than_there_are_is_refused(room: Path, database: Database, 
 
     with pytest.raises(DefinitionError, match="has 3 trials already"):
         extend_study(database, "small", Extension(trials=2))
+
+
+def test_the_new_total_is_never_smaller_even_where_nothing_has_run(room: Path, database: Database) -> None:
+    create_study(database, checked_definition(definition_of(room, search={"trials": 10}), "test"), room.parent)
+
+    with pytest.raises(DefinitionError, match="has 10 trials already, more than 5, which would be the new total"):
+        extend_study(database, "small", Extension(trials=5))
 
 
 def test_a_range_may_be_widened(room: Path, database: Database, run_study: Runner) -> None:

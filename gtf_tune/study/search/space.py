@@ -161,7 +161,7 @@ def _range_axis(spec: OptionSpec, axis: RangeAxis) -> SearchAxis:
             distribution = IntDistribution(int(axis.low), int(axis.high), log=axis.log, step=int(axis.step or 1))
         else:
             distribution = FloatDistribution(axis.low, axis.high, log=axis.log, step=axis.step)
-    return SearchAxis(spec.name, spec.default, distribution, tuple(_grid_values(spec, axis)))
+    return SearchAxis(spec.name, spec.default, distribution, tuple(grid_values(spec, axis)))
 
 
 @contextlib.contextmanager
@@ -172,7 +172,8 @@ def _off_step_allowed() -> Iterator[None]:
         yield
 
 
-def _grid_values(spec: OptionSpec, axis: RangeAxis) -> list[OptionValue]:
+def grid_values(spec: OptionSpec, axis: RangeAxis) -> list[OptionValue]:
+    """Return the values that a grid takes on an axis, in ascending order."""
     if axis.step is not None:
         count = math.floor((axis.high - axis.low) / axis.step + _ROUNDING) + 1
         values = [axis.low + axis.step * number for number in range(count)]
