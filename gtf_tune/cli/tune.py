@@ -68,7 +68,8 @@ def tune(
     study = open_study(database, tuning.name)
     found = _tune_through(study, tuning, request, cache_dir, 60 * minutes - (time.monotonic() - began))
     say(f"write: about {duration(tuning.plan.write_s)}")
-    _hand_over(study, found, folder)
+    left_s = 60 * minutes - (time.monotonic() - began) - tuning.plan.write_s
+    _hand_over(study, found, folder, check=left_s > tuning.plan.full.verified_s)
     _report(database, tuning.name, folder)
     write_line("")
     write_line(found.text)
@@ -169,21 +170,25 @@ def _say_first_verdict(study: "OpenStudy", announce: "Callable[[str], None]", ev
         announce(f"first verdict: {recommend(study.database, study.record).text}")
 
 
-def _hand_over(study: "OpenStudy", found: "Recommendation", folder: Path) -> None:
+def _hand_over(study: "OpenStudy", found: "Recommendation", folder: Path, *, check: bool) -> None:
     """Write the models and scripts of a COLMAP pipeline, or the options and trajectories of another."""
     from gtf_tune.study.tune.handover import hand_over, hand_over_trajectories, makes_models
     from gtf_tune.study.tune.start import configurations_of, whole_sequence
 
     whole = whole_sequence(study)
-    configurations = configurations_of(study, found, whole)
+    configurations = configurations_of(study, found.trial, whole)
     if not makes_models(study.definition.pipeline.name):
         hand_over_trajectories(folder, configurations, _clean_trajectories(study, found))
         return
-    written = hand_over(folder, whole, study.pipeline, configurations, say)
+    written = hand_over(folder, whole, study.pipeline, configurations, say, check=check)
     for name, model in (("nominal", written.nominal), ("adopted", written.adopted)):
         say(f"{name}: {len(model.trajectory)} of {len(whole)} images, {model.num_points} points")
     if written.vetoed:
         write_line(f"The nominal options are handed over instead: {written.vetoed}.")
+    moved = found.trial.value if found.trial and study.definition.gtf.normalise == "extent" else None
+    limit = written.calibration_limit(moved) if moved is not None else ""
+    if limit:
+        write_line(limit)
 
 
 def _clean_trajectories(study: "OpenStudy", found: "Recommendation") -> "dict[str, Trajectory]":

@@ -136,4 +136,4 @@ def test_only_colmaps_pipelines_are_written_as_colmap_reads_them() -> None:
         assert formats_of(name) == FORMATS
     for name in ("analytic", "command", "droid-slam", "somebody's"):
         assert formats_of(name) == ("json", "csv", "tum")
-    assert FORMATS[0] == "colmap-ini"
+    assert FORMATS[0] == "colmap"

@@ -64,3 +64,28 @@ def test_a_shell_reads_the_script(tmp_path: Path) -> None:
         "mapper",
     ]
     assert (tmp_path / "models").is_dir()
+
+
+def test_without_known_images_the_script_takes_their_folder_as_an_argument(tmp_path: Path) -> None:
+    settings = {"pairing": "sequential", "camera_model": "OPENCV", "vocab_tree_path": "/my trees/a.bin"}
+    options = {"sequential.loop_detection": True, "view_graph.max_calibration_error": 1.0}
+
+    text = colmap_shell_script("glomap", None, settings, options)
+
+    found = commands(text)
+    assert list(found) == ["feature_extractor", "sequential_matcher", "view_graph_calibrator", "global_mapper"]
+    assert found["feature_extractor"]["--image_path"] == "$images"
+    assert found["sequential_matcher"]["--SequentialMatching.vocab_tree_path"] == "/my trees/a.bin"
+    assert found["view_graph_calibrator"]["--max_calibration_error"] == "1.0"
+    assert "# only where the intrinsics are unknown" in text
+    refused = subprocess.run(["sh", "-c", text], check=False, cwd=tmp_path, capture_output=True, text=True)
+    assert "give the folder of the images" in refused.stderr
+
+
+def test_flags_of_the_hierarchical_pipeline_go_to_its_own_command() -> None:
+    options = {"clustering.leaf_max_num_images": 100, "mapper.init_min_tri_angle": 8.0}
+
+    found = commands(colmap_shell_script("colmap-hierarchical", None, {}, options))
+
+    assert found["hierarchical_mapper"]["--HierarchicalMapper.leaf_max_num_images"] == "100"
+    assert found["hierarchical_mapper"]["--Mapper.init_min_tri_angle"] == "8.0"

@@ -19,10 +19,14 @@ if TYPE_CHECKING:
     from gtf_tune.store.studies import Study
     from gtf_tune.store.trials import Trial
 
-Format = Annotated[str, typer.Option("--format", "-f", help="colmap-ini, colmap-cli, json, csv or tum.")]
+Format = Annotated[
+    str | None, typer.Option("--format", "-f", help="colmap (a folder of scripts), colmap-cli, json, csv or tum.")
+]
 Output = Annotated[
     Path | None,
-    typer.Option("--output", "-o", help="A file (default stdout); for tum a folder (default STUDY-trial-N)."),
+    typer.Option(
+        "--output", "-o", help="A file (default stdout); for colmap and tum a folder (default STUDY-trial-N)."
+    ),
 ]
 TrialNumber = Annotated[
     int | None, typer.Option("--trial", min=0, max=10**9, help="Another trial than the recommended one.")
@@ -31,30 +35,38 @@ TrialNumber = Annotated[
 
 def export(
     name: StudyName,
-    format_: Format = "colmap-ini",
+    format_: Format = None,
     output: Output = None,
     trial: TrialNumber = None,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
-    """Write the options to use as a COLMAP project file, flags or JSON; all trials as CSV; trajectories as TUM files.
+    """Write what reconstructs with the options to use; these as COLMAP's commands or JSON; trials as CSV; trajectories.
 
-    Example: gtf-tune study export photos --format colmap-ini -o project.ini
+    For COLMAP's pipelines the default is a folder with run.py, run.sh and options.json, as 'gtf-tune tune' leaves it.
+
+    Example: gtf-tune study export photos -o photos-tuned/
     """
     from gtf_tune.errors import DefinitionError
     from gtf_tune.store import studies
     from gtf_tune.store.studies import stored_definition
     from gtf_tune.study.outcome import export as export_module
 
-    if format_ not in export_module.FORMATS:
+    if format_ is not None and format_ not in export_module.FORMATS:
         raise DefinitionError(f"--format takes one of {', '.join(export_module.FORMATS)}, not '{format_}'")
     if format_ == "csv" and trial is not None:
         raise DefinitionError("--format csv writes all trials; drop --trial, or take --format json for one of them")
     database = open_storage(storage)
     study = studies.get(database, name)
+    pipeline = stored_definition(study).pipeline.name
+    format_ = format_ or export_module.formats_of(pipeline)[0]
     if format_ == "csv":
         _deliver(_trials_csv(database, study), output)
         return
     chosen = _choose(database, study, trial)
+    if format_ == "colmap":
+        export_module.check_format(format_, pipeline)
+        _write_scripts(database, chosen, name, output or Path(f"{name}-trial-{chosen.number}"))
+        return
     if format_ == "tum":
         _write_trajectories(database, chosen, output or Path(f"{name}-trial-{chosen.number}"))
         return
@@ -113,6 +125,17 @@ def _trials_csv(database: "Database", study: "Study") -> str:
         *names,
     ]
     return export_module.table_csv(columns, rows)
+
+
+def _write_scripts(database: "Database", trial: "Trial", name: str, folder: Path) -> None:
+    from gtf_tune.study.open_study import open_study
+    from gtf_tune.study.tune.handover import write_scripts
+    from gtf_tune.study.tune.start import configurations_of, whole_sequence
+
+    study = open_study(database, name)
+    whole = whole_sequence(study)
+    write_scripts(folder, whole, study.pipeline, configurations_of(study, trial, whole))
+    say(f"wrote {folder}; next: python {folder / 'run.py'}, or sh {folder / 'run.sh'}")
 
 
 def _write_trajectories(database: "Database", trial: "Trial", folder: Path) -> None:

@@ -18,42 +18,59 @@ cd "$(dirname "$0")"
 out=${1:-sparse-colmap}
 mkdir -p "$out"
 """
+_HEAD_FOR_ANY_IMAGES = """\
+#!/bin/sh
+# Reconstruct with COLMAP 4.1 or newer: sh run.sh IMAGES [FOLDER]
+set -e
+images=${1:?give the folder of the images}
+out=${2:-sparse-colmap}
+mkdir -p "$out"
+"""
+_WHEN_UNKNOWN = "# only where the intrinsics are unknown; give known ones as --ImageReader.camera_params\n"
 
 
 def colmap_shell_script(
-    pipeline: str, photographs: Photographs, settings: Mapping[str, object], options: Mapping[str, OptionValue]
+    pipeline: str,
+    photographs: Photographs | None,
+    settings: Mapping[str, object],
+    options: Mapping[str, OptionValue],
 ) -> str:
     """Return the text of ``run.sh``: COLMAP's commands in running order, with all paths.
 
-    It reads ``images.txt`` beside it. Options that the command line cannot set are named in comments; `pycolmap_script`
-    sets them too.
+    It reads ``images.txt`` beside it; without ``photographs`` it takes the folder of the images as an argument. Options
+    that the command line cannot set are named in comments; `pycolmap_script` sets them too.
     """
     pairing = str(settings.get("pairing", "exhaustive"))
-    commands = [name for name in commands_of(pipeline, pairing) if name != _CALIBRATOR or photographs.camera is None]
+    known = photographs is not None and photographs.camera is not None
+    commands = [name for name in commands_of(pipeline, pairing) if name != _CALIBRATOR or not known]
     flags: dict[str, list[str]] = {name: _paths(name, photographs) for name in commands}
     for flag, value in (*_camera(photographs, settings), *_matching(settings), *_options(pipeline, options)):
         command = command_of(pipeline, flag, pairing)
         if command in flags:
             flags[command].append(f"--{flag} {shlex.quote(value)}")
-    lines = [" \\\n    ".join((f"colmap {name}", *given)) for name, given in flags.items()]
+    lines = [
+        _WHEN_UNKNOWN * (name == _CALIBRATOR and photographs is None) + " \\\n    ".join((f"colmap {name}", *given))
+        for name, given in flags.items()
+    ]
     missing = [name for name in options if flag_of(pipeline, name) is None]
     lines += [f"# COLMAP's command line cannot set {name} = {_text(options[name])}; run.py does" for name in missing]
-    return _HEAD + "\n".join(lines) + "\n"
+    return (_HEAD if photographs else _HEAD_FOR_ANY_IMAGES) + "\n".join(lines) + "\n"
 
 
-def _paths(command: str, photographs: Photographs) -> list[str]:
-    paths = ["--database_path database.db"]
+def _paths(command: str, photographs: Photographs | None) -> list[str]:
+    paths = ["--database_path database.db" if photographs else '--database_path "$out/database.db"']
     if command in _READS_IMAGES:
-        paths.append(f"--image_path {shlex.quote(str(photographs.folder))}")
-    if command == "feature_extractor":
+        folder = shlex.quote(str(photographs.folder)) if photographs else '"$images"'
+        paths.append(f"--image_path {folder}")
+    if command == "feature_extractor" and photographs:
         paths.append("--image_list_path images.txt")
     if command in _WRITES_MODEL:
         paths.append('--output_path "$out"')
     return paths
 
 
-def _camera(photographs: Photographs, settings: Mapping[str, object]) -> Iterator[tuple[str, str]]:
-    camera = photographs.camera
+def _camera(photographs: Photographs | None, settings: Mapping[str, object]) -> Iterator[tuple[str, str]]:
+    camera = photographs.camera if photographs else None
     yield "ImageReader.single_camera", "1"
     yield "ImageReader.camera_model", camera.model if camera else str(settings.get("camera_model", "SIMPLE_RADIAL"))
     if camera:

@@ -4,7 +4,9 @@ The models are made by the very script that is handed over, from the original im
 """
 
 import contextlib
+import hashlib
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -28,6 +30,8 @@ MARK = ".gtf-tune.json"
 """File by which an output folder is known to be ours, so that it may be replaced."""
 
 _LOG_LINES = 3
+_REFINED = ("refine_focal_length", "refine_extra_params", "refine_principal_point")
+_LEAST_CALIBRATION = 1e-3
 
 
 @dataclass(frozen=True)
@@ -43,12 +47,28 @@ class Handover:
     """What was written.
 
     ``vetoed`` says why the adopted configuration is not handed over after all; empty where it is.
+    ``moved_by_calibration`` is how far the trajectory moves where all intrinsics are refined, as a fraction of its
+    extent; NaN where that was not looked at.
     """
 
     folder: Path
     adopted: "SparseModel"
     nominal: "SparseModel"
     vetoed: str = ""
+    moved_by_calibration: float = math.nan
+
+    def calibration_limit(self, movement: float) -> str:
+        """Return a sentence where the calibration limits the accuracy more than noise does; else nothing.
+
+        ``movement`` is how far the trajectory moves under noise, as a fraction of its extent.
+        """
+        if not self.moved_by_calibration > max(movement, _LEAST_CALIBRATION):
+            return ""
+        return (
+            "Calibration, not the options, limits the accuracy here: where all intrinsics are refined the trajectory "
+            f"moves by {1000 * self.moved_by_calibration:.3g} per mille of its extent, under noise by "
+            f"{1000 * movement:.3g}; calibrate the camera, or let the program refine the intrinsics."
+        )
 
 
 def check_output(folder: Path) -> None:
@@ -63,11 +83,14 @@ def hand_over(
     pipeline: Pipeline,
     configurations: Configurations,
     announce: Callable[[str], None] = lambda _: None,
+    *,
+    check: bool = False,
 ) -> Handover:
     """Reconstruct with both configurations and write everything into ``folder``, in place of an earlier handover.
 
     A model of the adopted configuration that lost images or points on the whole sequence is not handed over: nominal
-    takes its place.
+    takes its place. With ``check`` the intrinsics are refined once more than the options say, for
+    ``Handover.moved_by_calibration``.
 
     Raises
     ------
@@ -76,39 +99,92 @@ def hand_over(
     RunError
         A reconstruction failed; the reason is in the message.
     """
-    from gtf_tune.pipelines.colmap.models import read_model, transforms_json
-    from gtf_tune.pipelines.colmap.script import Photographs, pycolmap_script
-    from gtf_tune.pipelines.colmap.shell import colmap_shell_script
+    from gtf_tune.pipelines.colmap.models import transforms_json
     from gtf_tune.trajectory import write_tum
 
     check_output(folder)
     images, names = _common_folder(sequence)
-    camera = sequence.camera.scaled(*sequence.stored_size) if sequence.camera else None
-    photographs = Photographs(images, list(names), camera)
-    settings: Mapping[str, object] = dict(pipeline.settings)
     with _written_aside(folder) as work:
-        _write(work / "images.txt", "".join(f"{name}\n" for name in names))
-        _write(work / "run.py", pycolmap_script(pipeline.name, photographs, settings, pipeline.version))
-        _write(work / "options-nominal.json", option_json(configurations.nominal))
-        _write(work / "options.json", option_json(configurations.adopted))
+        _write_scripts(work, sequence, pipeline, configurations)
         announce(f"reconstructing {len(names)} images with the nominal options")
-        _reconstruct(work, "sparse-nominal", "options-nominal.json")
-        nominal = read_model(work / "sparse-nominal" / "0", names)
+        nominal = _reconstruct(work, "sparse-nominal", configurations.nominal, names)
         adopted, vetoed = nominal, ""
         if configurations.adopted != configurations.nominal:
             announce(f"reconstructing {len(names)} images with the adopted options")
-            _reconstruct(work, "sparse", "options.json")
-            adopted = read_model(work / "sparse" / "0", names)
+            adopted = _reconstruct(work, "sparse", configurations.adopted, names)
             vetoed = _contradicted(adopted, nominal)
         if adopted is nominal or vetoed:
-            adopted = _take_nominal(work, nominal)
-        chosen = configurations.nominal if vetoed else configurations.adopted
-        _write(work / "run.sh", colmap_shell_script(pipeline.name, photographs, settings, dict(chosen)))
+            configurations = Configurations(configurations.nominal, configurations.nominal)
+            _write_scripts(work, sequence, pipeline, configurations)
+            shutil.rmtree(work / "sparse", ignore_errors=True)
+            shutil.copytree(work / "sparse-nominal", work / "sparse")
+            adopted = nominal
+        moved = _moved_by_calibration(work, adopted, configurations.adopted, pipeline, names) if check else math.nan
+        _tidy(work)
         write_tum(adopted.trajectory, work / "trajectory.txt")
         write_tum(nominal.trajectory, work / "trajectory-nominal.txt")
         _write(work / "transforms.json", transforms_json(work / "sparse" / "0", images))
         _write(work / MARK, json.dumps({"sequence": sequence.name, "pipeline": pipeline.name}) + "\n")
-    return Handover(folder, adopted, nominal, vetoed)
+    return Handover(folder, adopted, nominal, vetoed, moved)
+
+
+def write_scripts(folder: Path, sequence: Sequence, pipeline: Pipeline, configurations: Configurations) -> None:
+    """Write the scripts and options that make the models, without making them, in place of an earlier handover.
+
+    Raises
+    ------
+    StorageError
+        The folder holds something else or cannot be written.
+    """
+    check_output(folder)
+    with _written_aside(folder) as work:
+        _write_scripts(work, sequence, pipeline, configurations)
+        _write(work / MARK, json.dumps({"sequence": sequence.name, "pipeline": pipeline.name}) + "\n")
+
+
+def _write_scripts(work: Path, sequence: Sequence, pipeline: Pipeline, configurations: Configurations) -> None:
+    from gtf_tune.pipelines.colmap.script import Photographs, pycolmap_script
+    from gtf_tune.pipelines.colmap.shell import colmap_shell_script
+
+    images, names = _common_folder(sequence)
+    camera = sequence.camera.scaled(*sequence.stored_size) if sequence.camera else None
+    photographs, settings = Photographs(images, list(names), camera), dict(pipeline.settings)
+    _write(work / "images.txt", "".join(f"{name}\n" for name in names))
+    _write(work / "run.py", pycolmap_script(pipeline.name, photographs, settings, pipeline.version))
+    _write(work / "run.sh", colmap_shell_script(pipeline.name, photographs, settings, configurations.adopted))
+    _write(work / "options-nominal.json", option_json(configurations.nominal))
+    _write(work / "options.json", option_json(configurations.adopted))
+
+
+def _moved_by_calibration(
+    work: Path,
+    model: "SparseModel",
+    options: Mapping[str, OptionValue],
+    pipeline: Pipeline,
+    names: Mapping[str, tuple[int, float]],
+) -> float:
+    """Return how far the trajectory moves where the intrinsics are refined too, as a fraction of the extent.
+
+    NaN where the pipeline cannot refine them, or the reconstruction fails.
+    """
+    from gtf_tune.metrics import AteSettings, pairwise_matrix
+
+    free = {name: True for name in pipeline.options.specs if name.endswith(_REFINED)}
+    if not free:
+        return math.nan
+    try:
+        other = _reconstruct(work, "sparse-refined", {**options, **free}, names)
+    except RunError:
+        return math.nan
+    found = pairwise_matrix([model.trajectory], [other.trajectory], AteSettings("sim3"))
+    return float(found.errors[0, 0] / found.extents[0, 0])
+
+
+def _tidy(work: Path) -> None:
+    """Remove what was only needed to make and check the models."""
+    shutil.rmtree(work / "sparse-refined", ignore_errors=True)
+    for scrap in (*work.glob("*.log"), *work.glob("matches-*.db"), work / "sparse-refined.json"):
+        scrap.unlink(missing_ok=True)
 
 
 def hand_over_trajectories(
@@ -158,14 +234,6 @@ def _contradicted(adopted: "SparseModel", nominal: "SparseModel") -> str:
     return f"on all images the adopted configuration {found[0]}" if found else ""
 
 
-def _take_nominal(work: Path, nominal: "SparseModel") -> "SparseModel":
-    """Put the nominal model and options in the place of the adopted ones."""
-    shutil.rmtree(work / "sparse", ignore_errors=True)
-    shutil.copytree(work / "sparse-nominal", work / "sparse")
-    shutil.copyfile(work / "options-nominal.json", work / "options.json")
-    return nominal
-
-
 def _common_folder(sequence: Sequence) -> tuple[Path, dict[str, tuple[int, float]]]:
     """Return the folder that holds all images, and frame id and timestamp by the name below it."""
     folder = Path(os.path.commonpath([frame.path.absolute().parent for frame in sequence.frames]))
@@ -176,22 +244,36 @@ def _common_folder(sequence: Sequence) -> tuple[Path, dict[str, tuple[int, float
     return folder, names
 
 
-def _reconstruct(work: Path, name: str, options: str) -> None:
-    """Run the script in a process of its own; its output stays beside the model."""
-    log = work / f"{name}.log"
+def _reconstruct(
+    work: Path, name: str, options: Mapping[str, OptionValue], names: Mapping[str, tuple[int, float]]
+) -> "SparseModel":
+    """Run the script in a process of its own, on the matches of an earlier call where they are the same."""
+    from gtf_tune.pipelines.colmap.models import read_model
+
+    _write(work / f"{name}.json", option_json(options))
+    log, database = work / f"{name}.log", work / f"matches-{_matches_key(options)}.db"
     with log.open("wb") as output:
         done = subprocess.run(
-            [sys.executable, "run.py", name, options],
+            [sys.executable, "run.py", name, f"{name}.json", database.name],
             cwd=work,
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
             check=False,
         )
+    (work / f"{name}.json").unlink()
     if done.returncode:
         last = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-_LOG_LINES:]
         reason = " / ".join(last) or f"exit code {done.returncode}"
-        raise RunError(f"the reconstruction with {options} failed: {reason}")
+        raise RunError(f"the reconstruction in {name} failed: {reason}")
+    return read_model(work / name / "0", names)
+
+
+def _matches_key(options: Mapping[str, OptionValue]) -> str:
+    """Return what names the database of features and verified matches that options lead to."""
+    groups = ("extraction.", "matching.", "verification.", "exhaustive.", "sequential.")
+    relevant = {name: value for name, value in sorted(options.items()) if name.startswith(groups)}
+    return hashlib.sha256(json.dumps(relevant).encode()).hexdigest()[:12]
 
 
 @contextlib.contextmanager

@@ -20,9 +20,9 @@ from gtf_tune.sequence import Sequence, say_notes
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
+from gtf_tune.store.trials import Trial
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.open_study import OpenStudy, load_defined_sequence, make_pipeline
-from gtf_tune.study.outcome.recommendation import Recommendation
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource
 from gtf_tune.study.runs.run_source import RunSource
 from gtf_tune.study.tune.budget import CLEAN_RUNS, MOST_TRIALS, NOISY_RUNS, Budget, Plan, Reduction, RunPrice
@@ -125,30 +125,37 @@ def begin_tuning(
 
 
 def whole_sequence(study: OpenStudy) -> Sequence:
-    """Return the first sequence of a study as it was given, before the search was reduced to fit the minutes.
+    """Return the first sequence of a study with all frames that were asked for, at full size.
+
+    `gtf-tune tune` may have searched on fewer and smaller images than it was given.
 
     Raises
     ------
     SequenceError
         The images are gone.
     """
-    given = SequenceDefinition.model_validate(study.record.resolved[TUNE_KEY]["whole"])
+    tuned = study.record.resolved.get(TUNE_KEY)
+    if tuned:
+        given = SequenceDefinition.model_validate(tuned["whole"])
+    else:
+        given = study.definition.searched_sequences[0].model_copy(update={"max_image_size": None})
     return load_defined_sequence(given, Path(study.record.root), study.pipeline)
 
 
-def configurations_of(study: OpenStudy, found: Recommendation, whole: Sequence) -> Configurations:
-    """Return the adopted and the nominal configuration for the whole sequence.
+def configurations_of(study: OpenStudy, chosen: Trial | None, whole: Sequence) -> Configurations:
+    """Return the configuration of a trial, as the adopted one, and the nominal one, for the whole sequence.
 
-    Options in pixels that differ from nominal are scaled where the search ran on smaller images.
+    Without a trial both are nominal. Options in pixels that differ from nominal are scaled where the search ran on
+    smaller images.
     """
     fixed, nominal = study.definition.fixed_options, study.space.nominal
     searched = next(iter(study.sequences.values()))
-    trial = found.trial.options if found.trial else None
+    trial = chosen.options if chosen else None
     defaults = {name: spec.default for name, spec in study.pipeline.options.specs.items()}
     usual = {**defaults, **fixed, **nominal}
     changed = {name: value for name, value in (trial or nominal).items() if value != usual[name]}
     factor = max(whole.width, whole.height) / max(searched.width, searched.height)
-    is_baseline = found.trial is not None and found.trial.number < 0
+    is_baseline = chosen is not None and chosen.number < 0
     pixels = frozenset() if is_baseline else _in_pixels(study.definition.pipeline.name)  # people use it at full size
     adopted = {**nominal, **scaled_to(changed, pixels, factor)}
     both = ({**fixed, **adopted}, {**fixed, **nominal})
