@@ -127,8 +127,7 @@ _STUDY = {
     ),
     "export": Entry(
         "Look",
-        "Write the options to use as a COLMAP project file, flags or JSON; all trials as CSV; trajectories as TUM "
-        "files.",
+        "Write what reconstructs with the options to use; these as COLMAP's commands or JSON; trials as CSV; trajectories.",
         "study.export:export",
     ),
     "report": Entry(
