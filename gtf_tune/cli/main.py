@@ -127,7 +127,8 @@ _STUDY = {
     ),
     "export": Entry(
         "Look",
-        "Write what reconstructs with the options to use; these as COLMAP's commands or JSON; trials as CSV; trajectories.",
+        "Write what reconstructs with the options to use; these as COLMAP's commands or JSON; trials as CSV; "
+        "trajectories.",
         "study.export:export",
     ),
     "report": Entry(
