@@ -87,7 +87,8 @@ def load_trajectories(*paths: str | os.PathLike[str], format: TrajectoryFormat =
         folder gives its files that have no suffix or one of .txt, .csv, .tum, .kitti, .euroc and .bin, and its
         subfolders that are COLMAP models or hold some (of several, as COLMAP writes them, the one with most images).
     format
-        ``auto``, ``tum``, ``kitti``, ``euroc`` or ``colmap``, for all of them; see
+        ``auto``, ``tum``, ``kitti``, ``euroc``, ``colmap``, ``transforms``, ``opensfm`` or ``sfmdata``, for all of
+        them; see
         `gtf_tune.trajectory.read_trajectory`.
 
     Returns
