@@ -190,12 +190,12 @@ class Study:
 
     @property
     def best(self) -> BestTrial:
-        """The trial to use: the one that the confirmation speaks for, before that the feasible one of the best score.
+        """The trial to use: the one that the confirmation supports; before it, the feasible one with the best score.
 
         Raises
         ------
         StorageError
-            There is no feasible trial yet, or the confirmation speaks against all of them.
+            There is no feasible trial yet, or the confirmation rejects all of them.
         """
         record = studies.get(self._database, self.name)
         found = recommend(self._database, record)

@@ -148,7 +148,11 @@ _PIPELINE = {
     "options": Entry(
         "Commands", "Print every tunable option of a pipeline: name, type, default, meaning.", "pipeline:options"
     ),
-    "presets": Entry("Commands", "Print what is searched on a pipeline when nobody says, and why.", "pipeline:presets"),
+    "presets": Entry(
+        "Commands",
+        "Print the search space that a pipeline has by default, with the reason for each range.",
+        "pipeline:presets",
+    ),
     "try": Entry(
         "Commands",
         "Run a pipeline once and show everything that it does, to debug a definition.",
@@ -161,7 +165,7 @@ _SEQUENCE = {
         "Commands", "Say which data sets are understood, what to download and where to put it.", "sequence:layouts"
     ),
     "extract": Entry(
-        "Commands", "Take frames out of a video, the sharpest of each period unless told otherwise.", "sequence:extract"
+        "Commands", "Extract frames from a video, by default the sharpest of each period.", "sequence:extract"
     ),
     "render": Entry("Commands", "Render a textured room with exact ground truth.", "sequence:render"),
 }

@@ -76,7 +76,7 @@ def presets(
     name: Annotated[str, typer.Argument(metavar="PIPELINE", help="Name of the pipeline.")] = "glomap",
     json: Json = False,
 ) -> None:
-    """Print what is searched on a pipeline when nobody says, and why.
+    """Print the search space that a pipeline has by default, with the reason for each range.
 
     Example: gtf-tune pipeline presets glomap
     """

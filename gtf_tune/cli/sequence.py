@@ -80,7 +80,7 @@ def extract(
         int, typer.Option("--max-frames", min=0, max=10**9, help="Stop after so many (0: no limit).")
     ] = 0,
 ) -> None:
-    """Take frames out of a video, the sharpest of each period unless told otherwise.
+    """Extract frames from a video, by default the sharpest of each period.
 
     Example: gtf-tune sequence extract walk.mp4 images/ --rate-hz 3
     """

@@ -1,4 +1,4 @@
-"""Read what is searched when nobody says: one file a pipeline, with the reason and the source of each range."""
+"""Read the default search spaces: one file for each pipeline, with the reason and the source of each range."""
 
 import tomllib
 from collections.abc import Collection, Mapping
@@ -40,7 +40,7 @@ class Baseline:
 
 @dataclass(frozen=True)
 class PresetSpace:
-    """What is searched on a pipeline when nobody says.
+    """The search space that a pipeline has by default.
 
     ``first`` are the configurations that are tried first, each as the options that differ from nominal.
     """

@@ -114,7 +114,7 @@ def sequence_notes(sequence: Sequence) -> tuple[str, ...]:
 
 
 def say_notes(sequence: Sequence, say: Callable[[str], None], *, named: bool = False) -> None:
-    """Say each oddity of a sequence, and whether its intrinsics are unknown, in a line of its own.
+    """Print a line for each irregularity of a sequence, and one if its intrinsics are unknown.
 
     ``named`` says of which sequence it is.
     """

@@ -77,7 +77,7 @@ def create_study(
 
     ``root`` is the folder that the paths of the sequences are relative to, ``pipeline`` the pipeline where its name
     alone does not make it, as for the function of a script. ``resolved`` is kept with the study as it is. ``on_note``
-    is called with each oddity of the sequences, once the study is stored.
+    is called with each irregularity of the sequences, once the study is stored.
 
     Raises
     ------

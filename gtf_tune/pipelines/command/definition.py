@@ -52,7 +52,7 @@ class ParameterDefinition(Section):
     """Name something that the user gives: where a program, a file or a folder is, or a word for the command.
 
     Results depend on the contents of a ``file`` and on a ``text``; not on where an ``executable`` or ``folder`` lies
-    (``version_command`` speaks for those). Without a default it must be given.
+    (``version_command`` covers those). Without a default it must be given.
     """
 
     kind: Literal["executable", "file", "folder", "text", "arguments"] = "text"

@@ -127,7 +127,9 @@ def _by_index(found: Trajectory, names: tuple[str, ...], job: PipelineJob, outpu
 def _by_row(found: Trajectory, names: tuple[str, ...], job: PipelineJob, output: OutputDefinition) -> IntArray:
     del job, output
     if len(found) != len(names):
-        raise TrajectoryError(f"it has {len(found)} poses for {len(names)} images, so rows do not tell the images")
+        raise TrajectoryError(
+            f"it has {len(found)} poses for {len(names)} images, so rows do not say which image they are of"
+        )
     return np.arange(len(found), dtype=np.int64)
 
 

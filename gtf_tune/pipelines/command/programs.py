@@ -1,4 +1,4 @@
-"""Find the programs of a definition on this machine, and tell their versions."""
+"""Find the programs of a definition on this machine, and read their versions."""
 
 import re
 import shutil

@@ -152,7 +152,7 @@ def _notes(database: Database) -> Iterator[str]:
         if study.state == "copying":
             yield f"study '{study.name}' is an unfinished copy; delete it and copy it again"
         if trials.untold(database, study.id):
-            yield f"Optuna has not been told the end of some trials of '{study.name}'; the next worker does so"
+            yield f"Optuna does not know yet that some trials of '{study.name}' have ended; the next worker reports it"
         with suppress(OptunaStudyError):
             yield from _of_other_programs(database, study)
 

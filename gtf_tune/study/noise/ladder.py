@@ -112,7 +112,7 @@ def noise_scale(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseScale:
     linear = _linear_range(levels, responses)
     chosen, reason = _recommend(levels, ratios, linear)
     if base is not floor:
-        reason += "; clean runs differ by more than noisy ones, so most of them fell apart and tell no floor"
+        reason += "; clean runs differ by more than noisy ones, so most of them fell apart and give no floor"
     points = [(one.sigma, one.score) for one, inside in zip([base, *levels], [True, *linear], strict=True) if inside]
     known = np.array([point for point in points if math.isfinite(point[1])]).reshape(-1, 2)
     return NoiseScale(

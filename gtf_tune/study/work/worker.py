@@ -73,7 +73,7 @@ class StudyWorker:
         return self._work(trial_parallel, lambda: False)
 
     def _work(self, trial_parallel: int, others: Callable[[], bool]) -> bool:
-        if not self._is_complete():  # lest a trial is begun that cannot go on
+        if not self._is_complete():  # so that no trial is begun that cannot go on
             make_sampler(self.study.definition.search, 0, self.study.space)
         stop = StopRequest(self.stop)
         with (

@@ -61,7 +61,7 @@ def format_of(path: Path) -> str:
     found = _SUFFIXES.get(path.suffix.lower())
     if found is None:
         raise DefinitionError(
-            f"{path}: the format of a settings file is told from {', '.join(_SUFFIXES)}, not '{path.suffix}'; "
+            f"{path}: the format of a settings file is known from {', '.join(_SUFFIXES)}, not '{path.suffix}'; "
             f"give 'format', one of {', '.join(FORMATS)}"
         )
     return found
