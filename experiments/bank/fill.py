@@ -3,14 +3,15 @@
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from experiments.bank.pipeline import BankPipeline, create
+from experiments.bank.pipeline import create
 from experiments.bank.plan import CONFIGURATIONS, FIXED, SEQUENCES, BankSequence, Batch, Copy, batches
 from gtf_tune.definition import GtfDefinition, LimitsDefinition
 from gtf_tune.execution import LocalExecutor, StageCache
+from gtf_tune.pipelines import OptionValue
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Sequence, load_sequence, render_room
 from gtf_tune.store.database import Database, create_database
@@ -23,12 +24,29 @@ _PURPOSE = "bank"
 
 
 @dataclass(frozen=True)
+class _Planner(RunPlanner):
+    """Planner that checks each configuration once: the bank has thousands of requests for a few of them."""
+
+    checked: dict[tuple[tuple[str, OptionValue], ...], dict[str, OptionValue]] = field(default_factory=dict)
+
+    def effective_options(self, options: Mapping[str, OptionValue]) -> dict[str, OptionValue]:
+        key = tuple(sorted(options.items()))
+        if key not in self.checked:
+            self.checked[key] = super().effective_options(options)
+        return self.checked[key]
+
+
+def _planner() -> _Planner:
+    return _Planner(create(), GtfDefinition(), SeedSource(0, _PURPOSE), FIXED)
+
+
+@dataclass(frozen=True)
 class Depot:
     """Folder outside the repository with rendered rooms, the database of runs and the stages of copies."""
 
     work: Path
     data: Path
-    pipeline: BankPipeline = field(default_factory=create)
+    planner: RunPlanner = field(default_factory=_planner)
     loaded: dict[str, Sequence] = field(default_factory=dict)
 
     def database(self) -> Database:
@@ -51,13 +69,11 @@ class Depot:
 
     def request(self, sequence: BankSequence, copy: Copy, label: str) -> RunRequest:
         """Return one run of the bank; its noise and seeds are common to all configurations."""
-        planner = RunPlanner(self.pipeline, GtfDefinition(), SeedSource(0, _PURPOSE), FIXED)
-        options = CONFIGURATIONS[label]
-        return planner.request(self.sequence(sequence), options, (copy.kind, copy.index), sigma=copy.sigma, number=0)
+        run, options = (copy.kind, copy.index), CONFIGURATIONS[label]
+        return self.planner.request(self.sequence(sequence), options, run, sigma=copy.sigma, number=0)
 
     def nominal_run(self, sequence: Sequence) -> RunRequest:
-        planner = RunPlanner(self.pipeline, GtfDefinition(), SeedSource(0, _PURPOSE), FIXED)
-        return planner.request(sequence, {}, ("clean", 0), sigma=0.0, number=0)
+        return self.planner.request(sequence, {}, ("clean", 0), sigma=0.0, number=0)
 
 
 def fill(depot: Depot, minutes: float, say: Callable[[str], None]) -> None:

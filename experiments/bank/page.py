@@ -112,13 +112,13 @@ def _sequence_table(bank: Bank, found: Sequence[Replayed]) -> Table:
         if runs is None:
             continue
         pairs, levels = bank.pairs[place, 0], (runs.clean, runs.noisy[weak])
-        moved = [float(np.nanmedian(pairs[np.ix_(runs.clean, copies)])) for copies in levels]
+        moved = [_known_median(pairs[np.ix_(runs.clean, copies)]) for copies in levels]
         rows.append(
             [
                 name if nominal_truth(bank, place) <= BROKEN else f"{name} (broken)",
                 f"{bank.frames[place]:.0f}",
                 *(str(count) for count in (runs.configurations, len(runs.clean), len(runs.noisy[weak]))),
-                *(f"{1000 * value:.2f}" for value in (nominal_truth(bank, place), *moved)),
+                *(plain(1000 * value) for value in (nominal_truth(bank, place), *moved)),
                 *(percent(one.changes.get(place, np.nan)) for one in shown),
             ]
         )
@@ -175,6 +175,11 @@ def _predictor_table(bank: Bank, places: Sequence[int]) -> Table:
         if found:
             rows.append([name, plain(mean(found)), str(len(found))])
     return ["predictor", "mean correlation", "sequences"], rows
+
+
+def _known_median(errors: FloatArray) -> float:
+    known = errors[~np.isnan(errors)]
+    return float(np.median(known)) if known.size else np.nan
 
 
 def _median(errors: FloatArray) -> FloatArray:
