@@ -240,6 +240,20 @@ def state(database: Database, study_id: int) -> StudyState:
     return cast(StudyState, found[0][0])
 
 
+def of_id(database: Database, study_id: int) -> Study:
+    """Return a study as it is now.
+
+    Raises
+    ------
+    DeletedError
+        Someone has deleted it.
+    """
+    found = read_rows(database, select(*columns_of(models.Study, Study)).where(models.Study.id == study_id))
+    if not found:
+        state(database, study_id)
+    return Study(*found[0])
+
+
 def set_state(database: Database, study_id: int, state: StudyState) -> None:
     """Open, pause or close a study; workers look before every trial."""
     _set(database, study_id, state=state)

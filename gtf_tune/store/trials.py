@@ -142,6 +142,10 @@ def details(database: Database, trial_ids: list[int]) -> dict[int, Mapping[str, 
     }
 
 
+MADE_BY_KEY = "made_by"
+"""Where the detail of a trial says which versions and which definition made its score."""
+
+
 def version_mismatches(database: Database, study_id: int, numbers: Collection[int] | None = None) -> dict[int, str]:
     """Return how the pipeline that made a trial differs from the one that its study began with, by number.
 

@@ -253,10 +253,14 @@ def _searched_sequences(
 
 
 def _version_mismatch(record: Study, pipeline: str, version: str) -> str:
-    began_with = record.resolved["versions"].get(pipeline)
-    if began_with == version:
-        return ""
-    return f"began with {pipeline} {began_with}, but {version} is installed here"
+    """Say how the pipeline and Optuna here differ from those that a study began with; corrections of Optuna do not."""
+    began_with = record.resolved["versions"]
+    if began_with.get(pipeline) != version:
+        return f"began with {pipeline} {began_with.get(pipeline)}, but {version} is installed here"
+    former = began_with.get("optuna", optuna.__version__)
+    if former.split(".")[:2] != optuna.__version__.split(".")[:2]:
+        return f"began with Optuna {former}, but {optuna.__version__} is installed here, which may search otherwise"
+    return ""
 
 
 def trial_budget(definition: StudyDefinition, space: SearchSpace) -> int:

@@ -2,18 +2,22 @@
 
 from pathlib import Path
 
+import optuna
 import pytest
 from sqlalchemy.orm import Session
 
-from gtf_tune.errors import DefinitionError
+from gtf_tune.errors import DefinitionError, StorageError
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.database.session import write
+from gtf_tune.store.maintenance.check import check
+from gtf_tune.study.edit import Extension, extend_study
 from gtf_tune.study.open_study import open_study
 from gtf_tune.study.scoring import objective
 from gtf_tune.study.scoring.rescore import rescore
 from gtf_tune.study.work.server import WorkerLoop, WorkerRules
+from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of
 
 REASON = (
@@ -63,3 +67,38 @@ def test_a_worker_leaves_a_study_with_other_rules_alone_and_says_so(database: Da
 
     assert len(said) == 1
     assert said[0].startswith("study 'small' is left to other workers: study 'small' is scored by rules of version 1")
+
+
+def test_trials_that_another_definition_scored_are_found_by_a_check_and_not_made_by_a_worker(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    def change(session: Session) -> None:
+        row = studies.locked(session, 1)
+        row.state, row.definition = "open", row.definition.replace('"aggregate": "median"', '"aggregate": "mean"')
+
+    run_study(definition_of(room, search={"trials": 2}))
+    extend_study(database, "small", Extension(trials=3))
+    assert check(database).problems == ()
+    study = open_study(database, "small")
+    write(database, change)  # as a tool does, or a gtf-tune of another version
+
+    with pytest.raises(StorageError, match="was changed while it was worked on"):
+        StudyWorker(study, InlineExecutor()).work()
+    StudyWorker(open_study(database, "small"), InlineExecutor()).work()
+
+    (problem,) = check(database).problems
+    assert "study 'small' mixes trials that were scored by different rules or definitions (2 and 0 more" in problem
+
+
+def test_another_optuna_is_another_version_but_for_corrections(
+    room: Path, database: Database, run_study: Runner, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_study(definition_of(room, search={"trials": 1}))
+    major, minor, *_ = optuna.__version__.split(".")
+
+    monkeypatch.setattr(optuna, "__version__", f"{major}.{minor}.99")
+    assert open_study(database, "small").mismatch == ""
+    monkeypatch.setattr(optuna, "__version__", f"{int(major) + 1}.0.0")
+    with pytest.raises(DefinitionError, match=r"began with Optuna .*, but \d+\.0\.0 is installed here"):
+        open_study(database, "small")
+    assert open_study(database, "small", allow_version_mismatch=True).mismatch

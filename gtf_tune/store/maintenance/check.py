@@ -16,6 +16,7 @@ from gtf_tune.store.optuna.link import foreign_trials, optuna_study_id
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.runs import trajectories
 from gtf_tune.store.studies import NOISE_RUNS_KEY, Study
+from gtf_tune.store.trials import MADE_BY_KEY
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,12 @@ def check(database: Database) -> CheckReport:
     check_tables(database)
     garbled = unreadable(database)
     problems = [*_damage(database), *_orphans(database), *_missing_outputs(database), *garbled]
-    problems += [*_optuna_studies(database), *_missing_trials(database), *_bad_trajectories(database)]
+    problems += [
+        *_optuna_studies(database),
+        *_missing_trials(database),
+        *_mixed(database),
+        *_bad_trajectories(database),
+    ]
     return CheckReport(
         revision=current_revision(database.reader),
         optuna_revision=optuna_storage(database).get_current_version(),
@@ -124,6 +130,25 @@ def _missing_trials(database: Database) -> Iterator[str]:
         yield f"trial {number} of study '{name}' has a score but no runs; restore a backup"
 
 
+def _mixed(database: Database) -> Iterator[str]:
+    """Yield a sentence for every study of which workers of different kinds scored trials."""
+    trial = models.Trial
+    ended = trial.state.in_(("complete", "pruned"))
+    query = select(models.Study.name, trial.number, trial.detail).join(trial).where(ended)
+    kinds: dict[str, dict[tuple[object, object], list[int]]] = {}
+    for name, number, detail in read_rows(database, query.order_by(models.Study.id, trial.number)):
+        found = (detail or {}).get(MADE_BY_KEY)
+        if found:  # earlier versions noted nothing
+            kinds.setdefault(name, {}).setdefault((found.get("scoring"), found.get("definition")), []).append(number)
+    for name, by_kind in kinds.items():
+        first, *others = by_kind.values()
+        for numbers in others:
+            yield (
+                f"study '{name}' mixes trials that were scored by different rules or definitions ({numbers[0]} and "
+                f"{len(numbers) - 1} more otherwise than {first[0]}); compare them in a new study only"
+            )
+
+
 def _bad_trajectories(database: Database) -> Iterator[str]:
     keys = [key for (key,) in read_rows(database, select(models.Run.key).join(models.RunOutput))]
     for some in chunks(keys):
@@ -151,6 +176,10 @@ def _notes(database: Database) -> Iterator[str]:
     for study in [studies.get(database, name) for name in studies.names(database)]:
         if study.state == "copying":
             yield f"study '{study.name}' is an unfinished copy; delete it and copy it again"
+        versions = trials.version_mismatches(database, study.id)
+        if versions:
+            found = sorted(set(versions.values()))
+            yield f"study '{study.name}' has {len(versions)} trials of other versions: it {'; '.join(found)}"
         if trials.untold(database, study.id):
             yield f"Optuna does not know yet that some trials of '{study.name}' have ended; the next worker reports it"
         with suppress(OptunaStudyError):

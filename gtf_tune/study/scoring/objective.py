@@ -6,15 +6,18 @@ A run must register nearly as many frames as under nominal. Nothing here knows w
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 
 import numpy as np
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import DefinitionError
 from gtf_tune.gtf import GtfScore, GtfSettings, gtf_score
-from gtf_tune.store.studies import Study
+from gtf_tune.pipelines.run import digest
+from gtf_tune.store.studies import Study, stored_definition
 from gtf_tune.study.runs.run_source import SequenceRuns
 from gtf_tune.trajectory.alignment import MIN_MATCHED
+from gtf_tune.version import __version__
 
 LEAST_COMMON = 0.5
 """Part of the frames of the shorter of two runs that both must have registered."""
@@ -23,6 +26,7 @@ LOST_BELOW = 0.5
 """Share of the median coverage below which a nominal run has lost the sequence and sets no example."""
 
 _MOST_DIGITS = 6
+_SHOWN = 12
 
 
 @dataclass(frozen=True)
@@ -241,6 +245,24 @@ SCORING_VERSION = 1
 """Version of the rules that turn runs into scores; to be raised whenever the same runs may score differently."""
 
 RESOLVED_KEY = "scoring_version"
+
+
+_SCORED_BY = ("pipeline", "sequences", "gtf")
+
+
+def made_by(study: Study) -> dict[str, str | int]:
+    """Return what decides over the scores of a study's trials, beside their options: stored with each trial.
+
+    ``definition`` is a digest of the sections that say how trials are scored; the others may change.
+    """
+    # Without defaults: definitions that are written by later versions say more of them.
+    sections = stored_definition(study).model_dump(mode="json", include=set(_SCORED_BY), exclude_defaults=True)
+    return {
+        "gtf_tune": __version__,
+        "optuna": version("optuna"),
+        "scoring": SCORING_VERSION,
+        "definition": digest(sections)[:_SHOWN],
+    }
 
 
 def check_rules(study: Study) -> None:

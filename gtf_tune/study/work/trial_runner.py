@@ -20,6 +20,7 @@ from gtf_tune.store.optuna.retrying_storage import gathered
 from gtf_tune.store.optuna.tables import with_optuna
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.trial_queue import TrialLease, TrialResult
+from gtf_tune.store.trials import MADE_BY_KEY
 from gtf_tune.study.events import Callback, TrialFinished, TrialStarted
 from gtf_tune.study.ground_truth.record import record_side_metric
 from gtf_tune.study.noise.ladder import with_noise
@@ -34,7 +35,7 @@ from gtf_tune.study.outcome.improvement import (
 from gtf_tune.study.runs.run_source import Interrupted, RunSource, SequenceRuns, run_limits
 from gtf_tune.study.runs.stop import StopRequest
 from gtf_tune.study.scoring.early_stopping import Decision, Sizing
-from gtf_tune.study.scoring.objective import SequenceScore
+from gtf_tune.study.scoring.objective import SequenceScore, made_by
 from gtf_tune.study.scoring.trial_scorer import ScoredTrial, TrialScorer, read_reference
 from gtf_tune.study.search.samplers import make_sampler
 from gtf_tune.study.work.heartbeat import Heartbeat
@@ -105,8 +106,8 @@ class TrialRunner:
             if study.mismatch:
                 trial.set_user_attr("version", study.pipeline.version)
         result = trial_result(scored, improvement, wall_s)
-        if study.mismatch:
-            result = replace(result, detail={**result.detail, "version_mismatch": study.mismatch})
+        noted = {"version_mismatch": study.mismatch} if study.mismatch else {}
+        result = replace(result, detail={**result.detail, MADE_BY_KEY: made_by(study.record), **noted})
         if not trial_queue.finish(database, lease, result):
             raise Interrupted
         self._announce_end(trial, lease.number, result)

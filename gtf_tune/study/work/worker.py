@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 
-from gtf_tune.errors import DeletedError, OptionError, numbered
+from gtf_tune.errors import DeletedError, OptionError, StorageError, numbered
 from gtf_tune.execution import Executor
 from gtf_tune.store import enqueued, studies, trial_queue, trials
 from gtf_tune.store.enqueued import enqueued_numbers
@@ -17,6 +17,7 @@ from gtf_tune.study.open_study import OpenStudy, trial_budget
 from gtf_tune.study.runs.run_source import Interrupted
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.scoring.early_stopping import sizing_of
+from gtf_tune.study.scoring.objective import made_by
 from gtf_tune.study.search.samplers import make_sampler
 from gtf_tune.study.search.space import option_faults
 from gtf_tune.study.work.heartbeat import GRACE_S, INTERVAL_S, Heartbeat
@@ -121,7 +122,15 @@ class StudyWorker:
                 return
 
     def _is_open(self) -> bool:
-        return studies.state(self.study.database, self.study.record.id) == "open"
+        """Whether trials may be begun; raise `StorageError` where another program changed how they are scored."""
+        database, record = self.study.database, self.study.record
+        now = studies.of_id(database, record.id)
+        if now.definition != record.definition and made_by(now) != made_by(record):
+            raise StorageError(
+                f"the definition of study '{now.name}' was changed while it was worked on, so that new trials would be "
+                "scored otherwise; restore it, or create a new study"
+            )
+        return now.state == "open"
 
     def _stop_with_study(self, stop: StopRequest) -> None:
         if studies.state(self.study.database, self.study.record.id) == "stopped":
