@@ -105,13 +105,14 @@ class Camera:
         return Camera(self.model, width, height, tuple(params))
 
     def fitted(self, width: int, height: int) -> "Camera":
-        """Return the camera for images of another resolution, or raise `SequenceError` if they are cropped."""
+        """Return the camera of the same images in another resolution, or raise `SequenceError` if they were cut."""
         if (width, height) == (self.width, self.height):
             return self
-        if abs(width * self.height / (height * self.width) - 1) > _ASPECT_TOLERANCE:
+        cut = (width == self.width or height == self.height) and abs(width - self.width + height - self.height) > 1
+        if cut or abs(width * self.height / (height * self.width) - 1) > _ASPECT_TOLERANCE:
             raise SequenceError(
                 f"the intrinsics are for {self.width}x{self.height} images, but the images are {width}x{height}, "
-                "which is another shape; give the intrinsics of these images"
+                "which is another shape: cropped, padded or turned; give the intrinsics of these images"
             )
         return self.scaled(width, height)
 

@@ -31,6 +31,8 @@ _COUNT = struct.Struct("<Q")
 _IMAGE = struct.Struct("<I7dI")
 _POINT_BYTES = 24
 _LONGEST_ID = 10
+_BELOW = ("*/images.bin", "*/images.txt", "*/*/images.bin", "*/*/images.txt")
+_NAMED = 4
 _NUMBERED = re.compile(r"(?P<prefix>.*?)(?P<number>[0-9]{1,19})", re.DOTALL)
 _TIME = re.compile(r"[0-9]+(?:\.[0-9]+)?")
 _LARGEST_ID = np.iinfo(np.int64).max
@@ -118,9 +120,20 @@ def _images(path: Path) -> Iterator[_Image]:
     if path.is_dir():
         found = [path / name for name in ("images.bin", "images.txt") if (path / name).is_file()]
         if not found:
-            raise TrajectoryError(f"expected a COLMAP model with images.bin or images.txt in {path}, but there is none")
+            raise TrajectoryError(
+                f"expected a COLMAP model with images.bin or images.txt in {path}, but there is none{_below(path)}"
+            )
         file = found[0]
     return _binary_images(file) if file.suffix == ".bin" else _text_images(file)
+
+
+def _below(folder: Path) -> str:
+    """Return a hint at models in the folders of a project, empty where there are none."""
+    found = sorted(
+        {file.parent for pattern in _BELOW for file in folder.glob(pattern)}, key=lambda model: _natural(str(model))
+    )
+    named = ", ".join(str(model.relative_to(folder)) for model in found[:_NAMED])
+    return f"; give one of {named}" if found else ""
 
 
 def _text_images(path: Path) -> Iterator[_Image]:

@@ -105,3 +105,13 @@ def test_images_out_of_a_data_set_say_so(tmp_path, layout, images):
 
     assert sequence.layout == "folder"
     assert f"{tmp_path} looks like layout '{layout}': give that folder to use its camera and poses" in sequence.notes
+
+
+def test_kitti_times_in_nanoseconds_become_seconds(tmp_path):
+    miniatures.kitti(tmp_path)
+    miniatures.text(tmp_path / "times.txt", [f"{miniatures.stamp(number)}" for number in range(miniatures.COUNT)])
+
+    times = [frame.timestamp for frame in load_sequence(tmp_path).frames]
+
+    assert times[0] == pytest.approx(miniatures.START_NS / 1e9)
+    assert times[-1] - times[0] == pytest.approx(4 * miniatures.PERIOD_S, abs=1e-5)

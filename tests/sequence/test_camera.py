@@ -81,3 +81,19 @@ def test_intrinsics_of_another_resolution_fit_and_of_another_shape_do_not():
 def test_impossible_intrinsics_are_refused(model, size, params, message):
     with pytest.raises(SequenceError, match=message):
         Camera(model, *size, params)
+
+
+@pytest.mark.parametrize("size", [(1920, 1088), (1920, 1072), (1912, 1080), (1080, 1920), (960, 600)])
+def test_intrinsics_of_cropped_padded_or_turned_images_are_refused(size):
+    camera = Camera("PINHOLE", 1920, 1080, (1500, 1500, 960, 540))
+
+    with pytest.raises(SequenceError, match="another shape: cropped, padded or turned"):
+        camera.fitted(*size)
+
+
+@pytest.mark.parametrize("size", [(960, 540), (640, 364), (1921, 1080), (3840, 2160)])
+def test_intrinsics_of_resized_images_are_scaled(size):
+    camera = Camera("PINHOLE", 1920, 1080, (1500, 1500, 960, 540)).fitted(*size)
+
+    assert (camera.width, camera.height) == size
+    assert camera.params[2:] == (size[0] / 2, size[1] / 2)

@@ -175,3 +175,12 @@ def test_any_bytes_are_read_or_refused(tmp_path, content):
         except TrajectoryError:
             continue
         assert len(trajectory) > 0
+
+
+def test_the_folder_of_a_project_says_where_its_models_are(tmp_path):
+    for name in ("10", "2"):
+        (tmp_path / "sparse" / name).mkdir(parents=True)
+        (tmp_path / "sparse" / name / "images.txt").write_text("")
+
+    with pytest.raises(TrajectoryError, match=r"but there is none; give one of sparse/2, sparse/10$"):
+        read_trajectory(tmp_path, "colmap")

@@ -21,7 +21,8 @@ from gtf_tune.sequence.layouts.base import (
 )
 from gtf_tune.sequence.layouts.folder import list_images
 from gtf_tune.sequence.layouts.ground_truth import Notes, check_near, poses_by_line
-from gtf_tune.sequence.layouts.tables import read_numbers, read_rows, to_numbers
+from gtf_tune.sequence.layouts.image_lists import in_seconds
+from gtf_tune.sequence.layouts.tables import read_rows, to_numbers
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 
@@ -56,13 +57,14 @@ def _pose_files(root: Path) -> tuple[Path, ...]:
 
 
 def _read_frames(folder: Path, times: Path) -> tuple[Frame, ...]:
-    stamps = read_numbers(times)
+    rows = [(line, field) for line, fields in read_rows(times) for field in fields]
+    stamps = in_seconds(rows, "", "s", times) if rows else []
     images = list_images(folder)
     if len(stamps) != len(images):
         raise SequenceError(
             f"{times}: has {len(stamps)} times for {len(images)} images in {folder}; check the download"
         )
-    frames = tuple(Frame(number, path, float(stamps[number])) for number, path in enumerate(images))
+    frames = tuple(Frame(number, path, stamps[number]) for number, path in enumerate(images))
     check_unique(frames, times)
     return frames
 
