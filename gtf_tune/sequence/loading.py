@@ -229,7 +229,7 @@ _SUFFIXES = frozenset(
 _BEARING = re.compile(
     r"calib|camera|(^|[_.-])cams?([_.0-9-]|$)|intrin|extrin|distort|fisheye|sensor|pose|traj|odom|ground.?truth|"
     r"(^|[_.-])gt([_.-]|$)|mocap|vicon|leica|transform|camchain|(^|[_.-])rigs?[_.-]|times?(tamps?)?([_.-]|$)|"
-    r"colmap|sfm|bundle|reconstruction|_par\.txt$|krt|\.nvm$|\.g2o$|^k\.txt$|^database\.db$|^images\.(txt|bin)$",
+    r"colmap|sfm|bundle|reconstruction|_par\.txt$|krt|^ost\.|settings|tum[0-9x]|kitti|euroc|\.nvm$|\.g2o$|^k\.txt$|^database\.db$|^images\.(txt|bin)$",
     re.IGNORECASE,
 )
 # Known parts of data sets that say nothing of a single camera's images.

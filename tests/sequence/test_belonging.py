@@ -115,3 +115,20 @@ def test_kitti_times_in_nanoseconds_become_seconds(tmp_path):
 
     assert times[0] == pytest.approx(miniatures.START_NS / 1e9)
     assert times[-1] - times[0] == pytest.approx(4 * miniatures.PERIOD_S, abs=1e-5)
+
+
+@pytest.mark.parametrize("path", ["rgb.txt", "rgb/0.png", "groundtruth.txt"])
+def test_a_file_of_a_data_set_says_which_folder_to_give(tmp_path, path):
+    miniatures.tum(tmp_path)
+
+    with pytest.raises(SequenceError, match=r"expected a folder of images, found a file|give that folder"):
+        load_sequence(tmp_path / path)
+
+
+def test_a_folder_beside_the_images_says_which_folder_to_give(tmp_path):
+    miniatures.colmap(tmp_path)
+
+    with pytest.raises(SequenceError, match=r" looks like layout 'colmap': give that folder"):
+        load_sequence(tmp_path / "sparse")
+    with pytest.raises(SequenceError, match="or give the folder that holds both"):
+        load_sequence(tmp_path / "sparse" / "0")

@@ -34,6 +34,8 @@ NOTE = "files that may describe camera or poses and are not read: "
         "temple_par.txt",
         "cams_krt.txt",
         "graph.g2o",
+        "ost.yaml",
+        "TUM1.yaml",
     ],
 )
 def test_a_plain_folder_says_what_lies_beside_its_images(tmp_path, name):

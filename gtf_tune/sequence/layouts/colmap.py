@@ -101,7 +101,8 @@ def _image_folder(root: Path, names: tuple[str, ...]) -> Path:
             return root / name
     raise SequenceError(
         f"{root}: found none of the model's {len(names)} images (such as {next(iter(names), 'none')}) in "
-        f"{' or '.join(_IMAGE_FOLDERS)} or another subfolder; put the images there"
+        f"{' or '.join(_IMAGE_FOLDERS)} or another subfolder; put the images there, or give the folder that "
+        "holds both"
     )
 
 

@@ -77,31 +77,41 @@ def find_layout(root: Path, name: str = AUTO, *, recursive: bool = False) -> Lay
         found = next((layout for layout in _LAYOUTS if layout.matches(root)), None)
     except OSError as error:
         raise SequenceError(f"{root}: cannot look into the folder ({error.strerror}); check its permissions") from error
-    if found is None and root.suffix.lower() in _VIDEO_SUFFIXES:
-        raise SequenceError(
+    if found is None:
+        raise _unknown(root)
+    return found
+
+
+def _unknown(root: Path) -> SequenceError:
+    """Return the error that a path is no data set, with what to give instead."""
+    if root.suffix.lower() in _VIDEO_SUFFIXES:
+        return SequenceError(
             f"{root}: this is a video; take its frames out first, and give their folder",
             remedy=("extract", root.name, f"{root.stem}/"),
         )
-    below = images_below(root) if found is None and root.is_dir() else {}
+    below = images_below(root) if root.is_dir() else {}
     if below:
-        raise SequenceError(
+        return SequenceError(
             f"{root}: found no images here, but in subfolders: {named_folders(below)}; give one of them, or all "
             "as one sequence with recursive = true",
             remedy=("recursive",),
         )
-    unread = unread_photographs(root) if found is None and root.is_dir() else ""
+    unread = unread_photographs(root) if root.is_dir() else ""
     if unread:
-        raise SequenceError(
+        return SequenceError(
             f"{root}: found photographs, but in formats that are not read: {unread}; develop or convert them to JPEG, "
             "PNG or TIFF"
         )
-    if found is None:
-        raise SequenceError(
-            f"{root}: found neither images ({IMAGE_KINDS}) nor a known layout ({', '.join(layout_names())}); give the "
-            "folder that holds the images, and take frames out of a video first",
-            remedy=("extract", "VIDEO", "FOLDER"),
-        )
-    return found
+    above = layout_above(root)
+    if above:
+        return SequenceError(f"{root}: found no images; {above[1]} looks like layout '{above[0]}': give that folder")
+    if root.is_file():
+        return SequenceError(f"{root}: expected a folder of images, found a file; unpack archives, and give the folder")
+    return SequenceError(
+        f"{root}: found neither images ({IMAGE_KINDS}) nor a known layout ({', '.join(layout_names())}); give the "
+        "folder that holds the images, and take frames out of a video first",
+        remedy=("extract", "VIDEO", "FOLDER"),
+    )
 
 
 def layout_above(root: Path) -> tuple[str, Path] | None:
