@@ -46,7 +46,7 @@ def evaluate(
     from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.display import sequence_unit
-    from gtf_tune.pipelines import create_pipeline
+    from gtf_tune.pipelines import create_pipeline, with_focal_prior
     from gtf_tune.sequence import FEWEST_FRAMES, say_notes
     from gtf_tune.study.evaluate import Configuration, evaluate_configuration
 
@@ -61,7 +61,7 @@ def evaluate(
     wanted = Configuration(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
     selection = parse_selection(frames, exclude, recursive)
     loaded = load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES)
-    say_notes(loaded, say)
+    say_notes(with_focal_prior(loaded, chosen), say)
     with make_executor(jobs or default_jobs(), cache_dir, no_cache=no_cache) as executor:
         found = evaluate_configuration(wanted, loaded, executor, on_run=say)
     if json:
