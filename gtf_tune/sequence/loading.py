@@ -14,6 +14,7 @@ from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.image_formats import CLASSIC_SUFFIXES, IMAGE_SUFFIXES
 from gtf_tune.sequence.images import image_size
 from gtf_tune.sequence.layouts.base import (
+    GIVE_THE_CAMERA,
     UNKNOWN,
     Intrinsics,
     Layout,
@@ -88,6 +89,8 @@ def load_sequence(
     known = shared.camera if isinstance(camera, str) else camera
     with naming(root):
         fitted = known.fitted(*stored) if known else None
+        if fitted and camera == "auto":
+            _refuse_those_of_others(fitted)
     width, height = selection.image_size(*stored)
     read = (*recording.files, *chain)
     return Sequence(
@@ -126,6 +129,17 @@ def _intrinsics(recording: Recording, root: Path) -> tuple[Intrinsics, tuple[Pat
     own = recording.read_intrinsics()
     chain = find_chain(root) if own is UNKNOWN else None
     return (chain_intrinsics(chain, root.name), (chain,)) if chain else (own, ())
+
+
+def _refuse_those_of_others(camera: Camera) -> None:
+    """Raise `SequenceError` for intrinsics that cannot be those of the images; files may not say whose they are."""
+    values = dict(zip(camera.param_names, camera.params, strict=True))
+    centre = values.get("cx", 0.0), values.get("cy", 0.0)
+    if not (0 <= centre[0] <= camera.width and 0 <= centre[1] <= camera.height):
+        raise SequenceError(
+            f"the principal point {centre[0]:.0f}, {centre[1]:.0f} lies outside of the images of "
+            f"{camera.width}x{camera.height} pixels, so the intrinsics are those of others; {GIVE_THE_CAMERA}"
+        )
 
 
 def _of_folder(layout: Layout, root: Path, frames: tuple[Frame, ...]) -> Notes:

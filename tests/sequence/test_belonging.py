@@ -132,3 +132,22 @@ def test_a_folder_beside_the_images_says_which_folder_to_give(tmp_path):
         load_sequence(tmp_path / "sparse")
     with pytest.raises(SequenceError, match="or give the folder that holds both"):
         load_sequence(tmp_path / "sparse" / "0")
+
+
+@pytest.mark.parametrize(
+    ("layout", "file", "old", "new"),
+    [
+        ("eth3d-slam", "calibration.txt", "50 51 31.5 23.5", "1170 1170 647 483"),
+        ("kitti", "calib.txt", "P0: 50 0 31.5 0 0 51 23.5", "P0: 700 0 601 0 0 700 183"),
+        ("scannet", "intrinsic/intrinsic_color.txt", "50 0 31.5 0", "1170 0 647 0"),
+    ],
+)
+def test_intrinsics_of_larger_images_are_refused_unless_the_camera_is_given(tmp_path, layout, file, old, new):
+    miniatures.LAYOUTS[layout](tmp_path)
+    path = tmp_path / file
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+
+    with pytest.raises(SequenceError, match=r"principal point \d+, \d+ lies outside of the images.*give the camera"):
+        load_sequence(tmp_path)
+    assert load_sequence(tmp_path, camera="unknown").camera is None
