@@ -5,8 +5,7 @@ from typing import Annotated
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage
-from gtf_tune.cli.storage_access import hush_optuna, open_storage
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, hush_optuna, open_storage
 from gtf_tune.cli.terminal.console import say
 
 

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.parameters import CacheDir, Jobs
-from gtf_tune.cli.storage_access import hush_optuna
+from gtf_tune.cli.parameters import CacheDir, Jobs, hush_optuna
 from gtf_tune.cli.study.notes import suggest_outcome
 from gtf_tune.cli.study.report import report
 from gtf_tune.cli.terminal.console import number, percent, permille, say, write_line, write_pairs, write_table

@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar
 import typer
 from typer.core import TyperGroup
 
+from gtf_tune.cli.parameters import close_storages
 from gtf_tune.cli.remedies import with_remedy
-from gtf_tune.cli.storage_access import close_storages
 from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, ready_streams, say, write_line
 from gtf_tune.errors import GtfTuneError
 

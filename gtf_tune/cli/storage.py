@@ -4,8 +4,7 @@ from typing import Annotated
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
-from gtf_tune.cli.storage_access import create_storage, hush_optuna, open_storage
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName, create_storage, hush_optuna, open_storage
 from gtf_tune.cli.terminal.console import say, write_json, write_line, write_pairs
 
 

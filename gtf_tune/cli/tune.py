@@ -7,8 +7,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Jobs, Settings, Storage, default_jobs, make_executor
-from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
+from gtf_tune.cli.parameters import (
+    DEFAULT_STORAGE,
+    CacheDir,
+    Jobs,
+    Settings,
+    Storage,
+    create_storage,
+    default_jobs,
+    hush_optuna,
+    make_executor,
+    storage_flag,
+)
 from gtf_tune.cli.study.create import Pipeline, Range, parse_range
 from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, duration, say, write_line
 from gtf_tune.cli.values import parse_pairs, split_pairs

@@ -14,10 +14,12 @@ from gtf_tune.cli.parameters import (
     NoCache,
     Storage,
     default_jobs,
+    hush_optuna,
     make_executor,
+    storage_flag,
+    wait_for_storage,
 )
 from gtf_tune.cli.remedies import with_remedy
-from gtf_tune.cli.storage_access import hush_optuna, storage_flag, wait_for_storage
 from gtf_tune.cli.study.run import Places, TrialParallel, VersionMismatch, place_folders
 from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, say
 

@@ -1,9 +1,16 @@
 """The ground-truth-free score of a configuration: how much noisy runs differ from clean ones."""
 
-from gtf_tune.gtf.aggregate import Aggregate, aggregate_instances, aggregate_matrix, common_collapses, find_collapsed
+from gtf_tune.gtf.aggregate import (
+    Aggregate,
+    Estimate,
+    aggregate_instances,
+    aggregate_matrix,
+    common_collapses,
+    estimate,
+    find_collapsed,
+)
 from gtf_tune.gtf.comparison import PairedDifference, difference_over_sequences, holm, paired_difference
 from gtf_tune.gtf.score import GtfMetric, GtfScore, GtfSettings, Normalise, gtf_score, score_of_pairs
-from gtf_tune.gtf.uncertainty import Estimate, estimate
 
 __all__ = [
     "Aggregate",

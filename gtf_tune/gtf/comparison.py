@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import stdtr
 
+from gtf_tune.gtf.aggregate import CONFIDENCE, half_width
 from gtf_tune.gtf.random_effects import Spread, compared_table, mean_difference
 from gtf_tune.gtf.score import GtfScore
-from gtf_tune.gtf.uncertainty import CONFIDENCE, half_width
 from gtf_tune.trajectory import BoolArray, FloatArray
 
 

@@ -7,8 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from gtf_tune.gtf.aggregate import Aggregate, aggregate_instances, find_collapsed
-from gtf_tune.gtf.uncertainty import estimate
+from gtf_tune.gtf.aggregate import Aggregate, aggregate_instances, estimate, find_collapsed
 from gtf_tune.metrics import (
     AteSettings,
     DeltaUnit,
@@ -101,7 +100,7 @@ class GtfScore:
         minimises it has to look at the coverage and at ``pair_errors`` too: trajectories that cannot be compared have
         no error.
     standard_error, confidence_interval
-        Of ``value``, in its unit; 95 %, see `gtf_tune.gtf.uncertainty`. NaN where not estimable.
+        Of ``value``, in its unit; 95 %, see `gtf_tune.gtf.aggregate`. NaN where not estimable.
     matrix
         (k, k_delta) error of noisy run j against clean run i, in the unit that the settings say; NaN where it failed.
     pair_errors

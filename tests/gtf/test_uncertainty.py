@@ -5,8 +5,8 @@ import pytest
 from scipy import stats
 
 from gtf_tune.gtf import estimate
+from gtf_tune.gtf.aggregate import complete_table
 from gtf_tune.gtf.random_effects import two_way_spread
-from gtf_tune.gtf.uncertainty import complete_table
 
 AGGREGATES = ["mean", "median", "gmean", "trimmed"]
 TRUTH = {"mean": math.exp(0.5 * (0.33**2 + 0.1**2)), "median": 1.0, "gmean": 1.0, "trimmed": 1.02}

@@ -2,8 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName, open_storage
 from gtf_tune.cli.study.notes import suggest_step, warn_of_lost_frames, warn_of_mixed_versions
 from gtf_tune.cli.terminal.console import write_json, write_line, write_options, write_pairs
 

@@ -4,8 +4,7 @@ from typing import Annotated
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage
-from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, open_storage
 from gtf_tune.cli.terminal.console import percent, write_json, write_line, write_table
 
 

@@ -13,8 +13,9 @@ from gtf_tune.cli.parameters import (
     StudyName,
     default_jobs,
     make_executor,
+    open_storage,
+    storage_flag,
 )
-from gtf_tune.cli.storage_access import open_storage, storage_flag
 from gtf_tune.cli.study.notes import suggest_step
 from gtf_tune.cli.study.run import (
     Dashboard,

@@ -7,9 +7,17 @@ from typing import Annotated, Any
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Frames, Nominal, Settings, Storage
+from gtf_tune.cli.parameters import (
+    DEFAULT_STORAGE,
+    Frames,
+    Nominal,
+    Settings,
+    Storage,
+    create_storage,
+    hush_optuna,
+    storage_flag,
+)
 from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, parse_camera
-from gtf_tune.cli.storage_access import create_storage, hush_optuna, storage_flag
 from gtf_tune.cli.study.true_errors import Side
 from gtf_tune.cli.terminal.console import say
 from gtf_tune.cli.values import parse_options, parse_pairs, parse_value, refuse_repeated, split_pairs

@@ -4,8 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
-from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName, hush_optuna, open_storage, storage_flag
 from gtf_tune.cli.study.create import Range, parse_range
 from gtf_tune.cli.terminal.console import say
 from gtf_tune.cli.values import split_pairs

@@ -2,8 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage
-from gtf_tune.cli.storage_access import open_storage, storage_flag
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, open_storage, storage_flag
 from gtf_tune.cli.terminal.console import duration, say, write_json, write_table
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
-from gtf_tune.cli.storage_access import storage_flag
+from gtf_tune.cli.parameters import storage_flag
 from gtf_tune.cli.terminal.console import say
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName, open_storage
 from gtf_tune.cli.terminal.console import say
 
 if TYPE_CHECKING:

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Json, Storage, StudyName, open_storage
 from gtf_tune.cli.study.notes import STOPPED_EARLY
 from gtf_tune.cli.study.run import Places, place_folders
 from gtf_tune.cli.study.true_errors import Side, TrueErrors

@@ -14,9 +14,11 @@ from gtf_tune.cli.parameters import (
     Storage,
     StudyName,
     default_jobs,
+    hush_optuna,
     make_executor,
+    open_storage,
+    storage_flag,
 )
-from gtf_tune.cli.storage_access import hush_optuna, open_storage, storage_flag
 from gtf_tune.cli.study.notes import suggest_outcome, warn_of_lost_frames
 from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, say
 from gtf_tune.cli.values import split_pairs

@@ -1,7 +1,6 @@
 """Pause and stop the work on a study wherever it goes on, and have failed runs tried again."""
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage, storage_flag
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName, open_storage, storage_flag
 from gtf_tune.cli.terminal.console import say
 
 

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName
-from gtf_tune.cli.storage_access import open_storage, storage_flag
+from gtf_tune.cli.parameters import DEFAULT_STORAGE, Storage, StudyName, open_storage, storage_flag
 from gtf_tune.cli.study.notes import suggest_outcome
 from gtf_tune.cli.terminal.console import duration, say, write_line
 

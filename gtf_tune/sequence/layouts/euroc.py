@@ -20,7 +20,7 @@ from gtf_tune.sequence.layouts.base import (
 from gtf_tune.sequence.layouts.cameras.sensor import sensor_camera
 from gtf_tune.sequence.layouts.fields import read_yaml
 from gtf_tune.sequence.layouts.ground_truth import Notes, check_near, poses_by_timestamp
-from gtf_tune.sequence.layouts.image_lists import read_image_list
+from gtf_tune.sequence.layouts.tables import read_image_list
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 

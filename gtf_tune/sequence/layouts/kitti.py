@@ -21,8 +21,7 @@ from gtf_tune.sequence.layouts.base import (
 )
 from gtf_tune.sequence.layouts.folder import list_images
 from gtf_tune.sequence.layouts.ground_truth import Notes, check_near, poses_by_line
-from gtf_tune.sequence.layouts.image_lists import in_seconds
-from gtf_tune.sequence.layouts.tables import read_rows, to_numbers
+from gtf_tune.sequence.layouts.tables import in_seconds, read_rows, to_numbers
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 

@@ -16,8 +16,7 @@ from gtf_tune.sequence.layouts.base import (
     one_camera,
 )
 from gtf_tune.sequence.layouts.ground_truth import poses_by_timestamp
-from gtf_tune.sequence.layouts.image_lists import read_image_list
-from gtf_tune.sequence.layouts.tables import read_numbers
+from gtf_tune.sequence.layouts.tables import read_image_list, read_numbers
 from gtf_tune.trajectory import Trajectory, read_trajectory
 
 

@@ -25,8 +25,7 @@ from gtf_tune.sequence.layouts.base import (
 )
 from gtf_tune.sequence.layouts.fields import Field, read_yaml
 from gtf_tune.sequence.layouts.ground_truth import mirrored, poses_by_timestamp
-from gtf_tune.sequence.layouts.image_lists import in_seconds
-from gtf_tune.sequence.layouts.tables import find_listed, read_text, shortened
+from gtf_tune.sequence.layouts.tables import find_listed, in_seconds, read_text, shortened
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory, read_trajectory
 from gtf_tune.trajectory.columns import time_unit

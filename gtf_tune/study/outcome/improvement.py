@@ -134,8 +134,8 @@ def paired_improvement(nominal: "Matrices", other: "Matrices") -> Improvement:
     Improvement
         `UNKNOWN_IMPROVEMENT` where either has no errors on one of the sequences, or nothing can be compared.
     """
+    from gtf_tune.gtf.aggregate import half_width
     from gtf_tune.gtf.random_effects import compared_table, mean_difference
-    from gtf_tune.gtf.uncertainty import half_width
 
     if not nominal or nominal.keys() != other.keys():
         return UNKNOWN_IMPROVEMENT
