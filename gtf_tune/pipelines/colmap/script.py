@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from string import Template
+from typing import TYPE_CHECKING
 
-from gtf_tune.sequence import Camera
 from gtf_tune.version import __version__
+
+if TYPE_CHECKING:  # takes OpenCV, which no reader of studies needs
+    from gtf_tune.sequence import Camera
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,7 @@ class Photographs:
 
     folder: Path
     names: Sequence[str]
-    camera: Camera | None
+    camera: "Camera | None"
 
 
 @dataclass(frozen=True)
