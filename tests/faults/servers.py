@@ -2,9 +2,12 @@
 
 import os
 import shutil
+import signal
 import socket
 import tempfile
 import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -34,12 +37,9 @@ class RestartableServer:
         folder = Path(tempfile.mkdtemp(prefix="gtf-pg-", dir="/tmp"))  # a socket's path has at most 107 characters
         if os.geteuid() == 0:
             shutil.chown(folder, "postgres", "postgres")
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
-        server = cls(binaries, folder, port)
+        server = cls(binaries, folder, _free_port())
         _run_as_postgres([str(binaries / "initdb"), "-D", server.data, "-U", "postgres", "-A", "trust", "--no-sync"])
-        with (folder / "data" / "pg_hba.conf").open("a") as rules:
+        with server.rules.open("a") as rules:
             rules.write("host all all 10.213.0.0/16 trust\n")
         server.control("start")
         return server
@@ -47,6 +47,11 @@ class RestartableServer:
     @property
     def data(self) -> str:
         return str(self.folder / "data")
+
+    @property
+    def rules(self) -> Path:
+        """File that says who may connect, and how."""
+        return self.folder / "data" / "pg_hba.conf"
 
     def control(self, *action: str) -> None:
         """Call pg_ctl and wait for it."""
@@ -72,3 +77,30 @@ class RestartableServer:
         with engine.connect() as connection:
             connection.execute(text(statement))
         engine.dispose()
+
+
+@contextmanager
+def pooled(server: RestartableServer) -> Iterator[int]:
+    """Start a PgBouncer that pools transactions in front of a server, and yield its port; skip where there is none."""
+    program = shutil.which("pgbouncer", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
+    if program is None:
+        pytest.skip("no PgBouncer here: install Debian's pgbouncer")
+    port = _free_port()
+    settings = server.folder / "pgbouncer.ini"
+    settings.write_text(
+        f"[databases]\n* = host=127.0.0.1 port={server.port} user=postgres\n[pgbouncer]\nlisten_addr = 127.0.0.1\n"
+        f"listen_port = {port}\nunix_socket_dir =\nauth_type = any\npool_mode = transaction\ndefault_pool_size = 4\n"
+        f"pidfile = {server.folder}/pgbouncer.pid\nlogfile = {server.folder}/pgbouncer.log\n"
+    )
+    settings.chmod(0o644)
+    _run_as_postgres([program, "-d", str(settings)])
+    try:
+        yield port
+    finally:
+        os.kill(int((server.folder / "pgbouncer.pid").read_text()), signal.SIGTERM)
+
+
+def _free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])

@@ -6,11 +6,14 @@ from pathlib import Path
 
 import pytest
 from sqlalchemy import text
+from sqlalchemy.orm import Session
 
 from gtf_tune.errors import GtfTuneError, StorageError
 from gtf_tune.execution import FreshStages, InlineExecutor, LocalExecutor, StageCache
 from gtf_tune.report.dashboard.writer import turn_to_write
-from gtf_tune.store.database import create_database, open_database
+from gtf_tune.store import studies
+from gtf_tune.store.database import create_database, open_database, wait_for_database
+from gtf_tune.store.database.session import write
 from gtf_tune.store.maintenance.copy import copy_study
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.open_study import open_study
@@ -19,7 +22,7 @@ from tests.faults.conftest import Disturb
 from tests.faults.counted import LOG_VARIABLE, PAUSE_VARIABLE
 from tests.faults.disks import SmallDisk
 from tests.faults.disturbance import NAME, wait_until
-from tests.faults.servers import RestartableServer
+from tests.faults.servers import RestartableServer, pooled
 from tests.study.conftest import definition_of, write_sequence
 
 DROP = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE application_name = 'gtf-tune'"
@@ -170,3 +173,51 @@ def test_a_full_disk_under_the_cache_or_the_images_stops_the_study_and_spoils_no
     study.finish()
 
     study.check(undisturbed(**stages))
+
+
+def test_a_wrong_password_is_said_at_once_and_not_waited_for(restartable_server: RestartableServer) -> None:
+    storage = restartable_server.new_storage()
+    with restartable_server.rules.open("r+") as rules:
+        others = rules.read()
+        rules.seek(0)
+        rules.write(f"host all joe 127.0.0.1/32 scram-sha-256\n{others}")
+    restartable_server.execute("CREATE ROLE joe LOGIN PASSWORD 'right'")
+    restartable_server.execute("SELECT pg_reload_conf()")
+
+    for wrong in ("joe:wrong@", "joe@"):
+        with pytest.raises(StorageError, match="refuses the user, the password or the name of the database"):
+            wait_for_database(storage.replace("postgres@", wrong), patience_s=60)
+
+
+def test_a_server_that_has_become_a_standby_is_left_for_the_one_that_took_its_place(
+    restartable_server: RestartableServer,
+) -> None:
+    database = open_database(restartable_server.new_storage())
+    servers: list[int] = []
+
+    def write_something(session: Session) -> None:
+        servers.append(session.scalar(text("SELECT pg_backend_pid()")) or 0)
+        if len(servers) == 1:
+            session.execute(text("SET TRANSACTION READ ONLY"))
+        session.execute(text("CREATE TABLE after_failover (id integer)"))
+
+    write(database, write_something)
+
+    assert len(set(servers)) == 2
+    database.close()
+
+
+def test_two_processes_share_the_connections_of_a_pool_of_transactions(restartable_server: RestartableServer) -> None:
+    """PgBouncer before 1.21 knows no prepared statements, of which the driver would make one at the sixth query."""
+    storage = restartable_server.new_storage()
+    with pooled(restartable_server) as port:
+        url = storage.replace(f":{restartable_server.port}/", f":{port}/")
+        databases = [open_database(url) for _ in range(2)]
+        for _ in range(10):
+            assert [studies.names(database) for database in databases] == [[], []]
+        with turn_to_write(databases[0], 1) as first, turn_to_write(databases[1], 1) as second:
+            assert (first, second) == (True, False)
+        with turn_to_write(databases[1], 1) as second:
+            assert second
+        for database in databases:
+            database.close()

@@ -46,6 +46,7 @@ _UNIQUE_VIOLATION = "23505"
 _LOCK_NOT_AVAILABLE = "55P03"
 _IDLE_TRANSACTION_ENDED = "25P03"
 _QUERY_CANCELED = "57014"
+_READ_ONLY = ("25006", "0A000")  # what a server says to writers that has become a standby, or is one
 
 
 def is_transient(error: SQLAlchemyError) -> bool:
@@ -66,10 +67,21 @@ def is_transient(error: SQLAlchemyError) -> bool:
     return error.connection_invalidated or unanswered or _is_transient_state(state)
 
 
+def is_read_only(error: SQLAlchemyError) -> bool:
+    """Return True if the server takes no writes because another one has taken its place, or is about to."""
+    return isinstance(error, DBAPIError) and _sql_state(error) in _READ_ONLY
+
+
+def was_refused(error: SQLAlchemyError) -> bool:
+    """Return True if a connection could not be made although the server asked who we are: a wrong password, mostly."""
+    attempt = getattr(error.orig, "pgconn", None) if isinstance(error, DBAPIError) else None
+    return attempt is not None and bool(attempt.needs_password or attempt.used_password)
+
+
 def _is_transient_state(state: str) -> bool:
     if state in (_DISK_FULL, _QUERY_CANCELED):
         return False
-    return state in (_UNIQUE_VIOLATION, _LOCK_NOT_AVAILABLE, _IDLE_TRANSACTION_ENDED) or state.startswith(
+    return state in (_UNIQUE_VIOLATION, _LOCK_NOT_AVAILABLE, _IDLE_TRANSACTION_ENDED, *_READ_ONLY) or state.startswith(
         (_CONNECTION_LOST, _ROLLED_BACK, _OPERATOR_INTERVENTION, _OUT_OF_RESOURCES)
     )
 
@@ -85,6 +97,11 @@ def storage_error(error: SQLAlchemyError, url: URL) -> StorageError:
     if isinstance(error, DBAPIError) and _sql_state(error) == _DISK_FULL:
         return StorageError(f"{shown} could not be written because the server's disk is full; free some space there")
     said = " ".join(without_passwords(str(cause), url).split())
+    if was_refused(error):
+        return StorageError(
+            f"{shown} refuses the user, the password or the name of the database: {said}; correct the URL or the place "
+            "that holds the password (PGPASSWORD, ~/.pgpass)"
+        )
     if isinstance(error, DBAPIError) and not isinstance(cause, sqlite3.Error) and is_transient(error):
         return UnreachableError(
             f"no connection to {shown}: {said}; check that the server runs and that you may connect"

@@ -10,7 +10,7 @@ from sqlalchemy import Engine, Executable, Table
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from gtf_tune.store.database.errors import is_transient, storage_error
+from gtf_tune.store.database.errors import is_read_only, is_transient, storage_error, was_refused
 from gtf_tune.store.database.handle import Database
 
 Result = TypeVar("Result")
@@ -56,6 +56,7 @@ def patiently(database: Database, attempt: Callable[[], Result]) -> Result:
     """
     give_up_at = time.monotonic() + _GIVE_UP_AFTER_S
     pause_s = 0.05
+    refusals = 0
     while True:
         try:
             result = attempt()
@@ -63,7 +64,10 @@ def patiently(database: Database, attempt: Callable[[], Result]) -> Result:
             return result
         except SQLAlchemyError as error:
             database.check_in_place()
-            if not is_transient(error) or time.monotonic() > give_up_at:
+            refusals += was_refused(error)  # once, it may be a server that was ending
+            if is_read_only(error):
+                database.engine.pool.dispose()  # the address may be that of another server by now
+            if not is_transient(error) or refusals > 1 or time.monotonic() > give_up_at:
                 raise storage_error(error, database.url) from error
         _pause(pause_s * random.uniform(0.5, 1.0))
         pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
