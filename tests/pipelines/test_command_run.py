@@ -156,7 +156,7 @@ GOOD = [f"{index / 30!r} {index}.0 0 0 0 0 0 1" for index in range(FRAMES)]
         ([*GOOD[:3], GOOD[3][:9]], "line 4: expected 8 numbers"),
         ([*GOOD[:3], "0.1 nan 0 0 0 0 0 1"], "NaN"),
         ([GOOD[1], GOOD[0]], "sort the file"),
-        ([GOOD[0], GOOD[0]], "drop duplicates"),
+        ([GOOD[0], GOOD[0]], "drop the line"),
         ([*GOOD, "9.9 0 0 0 0 0 0 1"], r"1 of its 7 poses belong to no image within 0\.001 s, the first at 9\.9"),
         (["0.0 0 0 0 0 0 0 0"], "unit quaternion"),
     ],
