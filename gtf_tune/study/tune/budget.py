@@ -64,7 +64,7 @@ class Reduction:
     size: float = 1.0
 
 
-REDUCTIONS = (Reduction(), Reduction(size=0.5), Reduction(frames=1 / 3, size=0.5))
+REDUCTIONS = (Reduction(), Reduction(size=0.5), Reduction(frames=1 / 2, size=0.5), Reduction(frames=1 / 3, size=0.5))
 """What is tried in this order until the minutes suffice."""
 
 

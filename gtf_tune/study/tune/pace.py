@@ -32,8 +32,8 @@ def work_of(plan: Plan, baselines: int) -> dict[str, list[float]]:
 class Pace:
     """Time that is left, from the costs of runs by phase and the runs that have ended.
 
-    ``deadline_s`` is the whole wall time from the making of this object, which the time left never exceeds. Runs of the
-    last phase go one at a time, those of the others ``jobs`` at a time.
+    ``deadline_s`` is the whole wall time from the making of this object. What comes before the last phase ends in time
+    for that one, which takes as long as it takes: its runs go one at a time, those of the others ``jobs`` at a time.
     """
 
     work: dict[str, list[float]]
@@ -79,10 +79,13 @@ class Pace:
     @property
     def left_s(self) -> float:
         """Seconds that everything still takes."""
-        phases = list(self.work)
+        *phases, last = self.work
+        if self.phase == last:
+            return self.slowness * self._phase_s(last, self._done)
         later = phases[phases.index(self.phase) + 1 :]
-        left = self._phase_s(self.phase, self._done) + sum(self._phase_s(phase, 0) for phase in later)
-        return max(min(self.slowness * left, self.deadline_left_s), 0.0)
+        runs = self._phase_s(self.phase, self._done) + sum(self._phase_s(phase, 0) for phase in later)
+        write_s = self.slowness * self._phase_s(last, 0)
+        return min(self.slowness * runs, max(self.deadline_left_s - write_s, 0.0)) + write_s
 
     def _phase_s(self, phase: str, done: int) -> float:
         return sum(self.work[phase][done:]) / self._side_by_side(phase)

@@ -3,6 +3,7 @@
 The command line and Python go the same way.
 """
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -24,7 +25,7 @@ from gtf_tune.study.outcome.recommendation import UNCONFIRMED, Recommendation, r
 from gtf_tune.study.runs.run_source import RunSource, run_limits
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.tune.ablation import shortened
-from gtf_tune.study.tune.budget import CONFIRMED, Budget, Plan, RunPrice
+from gtf_tune.study.tune.budget import CONFIRMED, FEWEST_CONFIRMATION_RUNS, Budget, Plan, RunPrice
 from gtf_tune.study.tune.pace import Pace, work_of
 from gtf_tune.study.work.worker import StudyWorker
 
@@ -50,12 +51,14 @@ class Minutes:
         """Seconds until the models have to be written."""
         return _RESERVE * self.pace.deadline_left_s - self.pace.slowness * self.plan.write_s
 
-    @property
-    def search_is_over(self) -> bool:
-        """Whether a further trial would leave no time for the confirmation that was planned."""
+    def search_is_over(self, trials_done: int) -> bool:
+        """Whether there is no time for a further trial.
+
+        Beyond the first configurations a search leaves time for a confirmation, if only a short one.
+        """
         price = self.price()
-        confirm_s = self.budget.confirmation_s(price, self.plan.confirmation_runs)
-        return self.free_s - confirm_s < self.budget.trial_s(price)
+        least = FEWEST_CONFIRMATION_RUNS if trials_done > self.budget.first else 0
+        return self.free_s - self.budget.confirmation_s(price, least) < self.budget.trial_s(price)
 
     def confirmation_runs(self) -> int:
         """Return how many noisy runs a confirmation may have now; 0 where there is no time for one."""
@@ -104,12 +107,12 @@ def tune_through(study: OpenStudy, means: Means) -> Recommendation:
 
 def _search(study: OpenStudy, means: Means) -> None:
     """Run the trials of the study, as many as there is time for."""
-    stop = StopRequest(means.stop)
+    stop, done = StopRequest(means.stop), itertools.count(1)
 
     def watch(event: Event) -> None:
         if isinstance(event, RunFinished) and means.minutes:
             means.minutes.pace.run_done(reused=event.run.reused)
-        if isinstance(event, TrialFinished) and means.minutes and means.minutes.search_is_over:
+        if isinstance(event, TrialFinished) and means.minutes and means.minutes.search_is_over(next(done)):
             stop.ask(FINISH_RUNS)
 
     StudyWorker(study, means.executor, stop, [watch, *means.callbacks]).work()
@@ -131,7 +134,7 @@ def _candidates(study: OpenStudy, means: Means) -> tuple[Trial, ...]:
 
 def _try(study: OpenStudy, means: Means, options: Mapping[str, OptionValue]) -> Trial | None:
     """Run a trial with these options; return None where there is no time for it or someone asked to stop."""
-    if means.stop.level or (means.minutes and means.minutes.search_is_over):
+    if means.stop.level or (means.minutes and means.minutes.search_is_over(means.minutes.budget.most_trials)):
         return None
     number = enqueue(study.database, study.definition.name, options)
     StudyWorker(study, means.executor, means.stop, means.callbacks).work()

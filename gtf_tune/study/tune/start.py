@@ -228,7 +228,8 @@ def _price(definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, 
     stages = {name: seconds for name, seconds in found.items() if name.endswith("_s")}
     whole = max(found["wall"], sum(stages.values()))
     matched = sum(stages.get(f"{stage}_s", 0.0) for stage in ("images", "features", "matches"))
-    return RunPrice(whole, stages.get("mapping_s", whole), whole - matched)
+    around = whole - sum(stages.values())  # starting a process and reading its packages
+    return RunPrice(whole, stages["mapping_s"] + around if "mapping_s" in stages else whole, whole - matched)
 
 
 def _sigma(definition: StudyDefinition) -> float:

@@ -29,7 +29,7 @@ def test_time_without_end_buys_everything_on_all_images() -> None:
 def test_too_little_time_shrinks_the_images_first_and_then_takes_fewer() -> None:
     price = RunPrice(60.0, 15.0)
 
-    assert [budget(minutes).plan(price).reduction for minutes in (60, 20, 5)] == list(REDUCTIONS)
+    assert [budget(minutes).plan(price).reduction for minutes in (60, 20, 6, 2)] == list(REDUCTIONS)
 
 
 def test_the_first_configurations_are_tried_even_where_there_is_no_time_for_more() -> None:
@@ -45,9 +45,9 @@ def test_more_jobs_buy_more_trials() -> None:
 
 
 def test_a_measured_price_keeps_the_reduction_that_it_was_measured_on() -> None:
-    plan = budget(30).plan(RunPrice(100.0, 40.0), RunPrice(8.0, 2.0), REDUCTIONS[2])
+    plan = budget(30).plan(RunPrice(100.0, 40.0), RunPrice(8.0, 2.0), REDUCTIONS[3])
 
-    assert plan.reduction == REDUCTIONS[2]
+    assert plan.reduction == REDUCTIONS[3]
     assert plan.write_s == pytest.approx(200.0)
 
 

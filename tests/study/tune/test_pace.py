@@ -42,12 +42,14 @@ def test_the_time_left_is_within_30_per_cent_from_a_quarter_of_the_way_on(slower
         assert said[at] == pytest.approx(truth[at], rel=0.3)
 
 
-def test_the_time_left_never_exceeds_the_minutes() -> None:
+def test_the_time_left_never_exceeds_the_minutes_but_for_what_has_to_be_written() -> None:
     clock = Clock()
-    pace = Pace({"search": [100.0] * 50, "write": []}, 1, deadline_s=60.0, now=clock)
+    pace = Pace({"search": [100.0] * 50, "write": [10.0]}, 1, deadline_s=60.0, now=clock)
     clock.seconds = 20.0
 
     assert pace.left_s == pytest.approx(40.0)
+    clock.seconds = 55.0
+    assert pace.left_s == pytest.approx(10.0)
 
 
 def test_runs_that_were_stored_before_say_nothing_about_the_pace() -> None:
