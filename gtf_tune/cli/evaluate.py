@@ -28,21 +28,29 @@ def evaluate(
     camera: CameraFlag = None,
     clean_runs: Annotated[int, typer.Option("--clean-runs", "-k", min=1, max=1000, help="k.")] = 2,
     noisy_runs: Annotated[int, typer.Option("--noisy-runs", "-K", min=1, max=1000, help="k_delta.")] = 6,
-    noise_sigma: Annotated[float, typer.Option("--noise-sigma", help="Noise in grey levels (0..255).")] = 5.0,
+    noise_sigma: Annotated[
+        str, typer.Option("--noise-sigma", help="Noise in grey levels (0..255), or auto, as studies choose it.")
+    ] = "auto",
     aggregate: Annotated[str, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")] = "median",
     side: Side = None,
     seed: Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Seed of noise and runs.")] = 0,
     jobs: Jobs = None,
     cache_dir: CacheDir = None,
     no_cache: NoCache = False,
+    storage: Annotated[
+        str | None, typer.Option("--storage", help="Keep the runs here, and reuse those that are there already.")
+    ] = None,
     json: Json = False,
 ) -> None:
-    """Print the GTF ATE of one configuration on one sequence; nothing is stored.
+    """Print the GTF ATE of one configuration on one sequence; nothing is stored unless a storage is given.
+
+    Exits with 1 where not a single run worked; 'gtf-tune pipeline try' shows one run with all its files.
 
     Example: gtf-tune evaluate images/ -o mapper.max_normalized_reproj_error=1e-3
     """
     from gtf_tune.cli.parameters import default_jobs, make_executor
-    from gtf_tune.cli.values import parse_options, parse_pairs
+    from gtf_tune.cli.parameters import create_storage
+    from gtf_tune.cli.values import parse_options, parse_pairs, parse_value
     from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.display import sequence_unit
@@ -52,7 +60,12 @@ def evaluate(
 
     gtf = section_from_dict(
         GtfDefinition,
-        {"clean_runs": clean_runs, "noisy_runs": noisy_runs, "noise_sigma": noise_sigma, "aggregate": aggregate},
+        {
+            "clean_runs": clean_runs,
+            "noisy_runs": noisy_runs,
+            "noise_sigma": parse_value(noise_sigma),
+            "aggregate": aggregate,
+        },
         source="evaluate",
     )
     chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))
@@ -62,12 +75,15 @@ def evaluate(
     selection = parse_selection(frames, exclude, recursive)
     loaded = load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES)
     say_notes(with_focal_prior(loaded, chosen), say)
+    database = create_storage(storage) if storage else None
     with make_executor(jobs or default_jobs(), cache_dir, no_cache=no_cache) as executor:
-        found = evaluate_configuration(wanted, loaded, executor, on_run=say)
+        found = evaluate_configuration(wanted, loaded, executor, say, database)
     if json:
         write_json(found.as_dict())
     else:
         _write(found, sequence_unit(gtf))
+    if not found.any_run_worked:
+        raise typer.Exit(1)
 
 
 def _write(found: "Evaluation", unit: "ScoreUnit") -> None:

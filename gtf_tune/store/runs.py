@@ -207,6 +207,18 @@ def totals(database: Database, study_id: int) -> RunTotals:
     return RunTotals(*read_rows(database, query)[0])
 
 
+def count_unlinked(database: Database, fingerprints: Iterable[str], seeds: Iterable[int]) -> int:
+    """Return how many runs on these sequences with these seeds belong to no trial."""
+    run, link_ = models.Run, models.TrialRun
+    query = (
+        select(func.count())
+        .select_from(run)
+        .outerjoin(link_, link_.run_id == run.id)
+        .where(run.sequence_fingerprint.in_(list(fingerprints)), run.seed.in_(list(seeds)), link_.run_id.is_(None))
+    )
+    return int(read_rows(database, query)[0][0])
+
+
 def _linked(database: Database, condition: Any) -> list[TrialRun]:
     link_, trial = models.TrialRun, models.Trial
     query = (

@@ -1,4 +1,4 @@
-"""Score one configuration on one sequence, without a study and without a database."""
+"""Score one configuration on one sequence, without a study."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -7,14 +7,17 @@ from typing import Any
 
 from gtf_tune.definition import GtfDefinition, LimitsDefinition, SideMetricDefinition
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.execution import Executor
+from gtf_tune.execution import Executor, RunLimits
 from gtf_tune.pipelines import OptionValue, Pipeline, with_focal_prior
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.sequence import Sequence
+from gtf_tune.store.database import Database
+from gtf_tune.study.events import Event, RunFinished
 from gtf_tune.study.ground_truth.record import side_metric
-from gtf_tune.study.noise.ladder import NoiseProbe, fresh_runs
+from gtf_tune.study.noise.ladder import NoiseProbe, ObtainRuns, fresh_runs, stored_runs
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
-from gtf_tune.study.runs.run_source import SequenceRuns, run_limits
+from gtf_tune.study.runs.run_source import RunSource, SequenceRuns, run_limits
+from gtf_tune.study.runs.stop import StopRequest
 from gtf_tune.study.scoring.objective import SequenceScore, least_floor, score_sequence
 
 
@@ -40,6 +43,7 @@ class Evaluation:
     score: SequenceScore
     side_metric: float
     side_definition: SideMetricDefinition = field(default_factory=SideMetricDefinition)
+    any_run_worked: bool = True
 
     @property
     def value(self) -> float:
@@ -69,31 +73,49 @@ class Evaluation:
 
 
 def evaluate_configuration(
-    configuration: Configuration, sequence: Sequence, executor: Executor, on_run: Callable[[str], None] = lambda _: None
+    configuration: Configuration,
+    sequence: Sequence,
+    executor: Executor,
+    on_run: Callable[[str], None] = lambda _: None,
+    database: Database | None = None,
 ) -> Evaluation:
     """Return the score of a configuration; ``on_run`` gets a sentence for every run that ended.
 
-    It is infeasible here only if fewer than four frames are registered: there is no nominal run to compare with.
+    With a ``database`` runs are stored as they end, and those that it has are not made again. A configuration is
+    infeasible here only if fewer than four frames are registered: there is no nominal run to compare with.
     """
     gtf = configuration.gtf
     sequence = with_focal_prior(sequence, configuration.pipeline)
     planner = RunPlanner(configuration.pipeline, gtf, SeedSource(configuration.seed), {})
-    limits = run_limits(configuration.limits)
+    obtain = _way_to_obtain(executor, run_limits(configuration.limits), on_run, database)
     order = run_order(gtf.clean_runs, gtf.noisy_runs_max)
     sigma = gtf.noise_sigma
     if isinstance(sigma, str):
         probe = NoiseProbe(configuration.pipeline, configuration.options, gtf, configuration.seed, whole=False)
-        sigma, reason = probe.choose(sequence, fresh_runs(executor, limits))
+        sigma, reason = probe.choose(sequence, obtain)
         on_run(f"noise of {sequence.name}: {sigma:g} grey levels ({reason})")
-    requests = [planner.request(sequence, configuration.options, run, sigma=sigma, number=0) for run in order]
+    runs = obtain([planner.request(sequence, configuration.options, run, sigma=sigma, number=0) for run in order])
+    score = score_sequence(runs, least_floor(len(sequence)), gtf)
+    error = _true_error(sequence, runs, configuration.side_metric)
+    return Evaluation(score, error, configuration.side_metric, any(map(len, (*runs.clean, *runs.noisy))))
 
+
+def _way_to_obtain(
+    executor: Executor, limits: RunLimits, on_run: Callable[[str], None], database: Database | None
+) -> ObtainRuns:
     def describe(request: RunRequest, outcome: RunOutcome) -> None:
         found = outcome.error or f"{len(outcome.trajectory)} frames, {outcome.wall_s:.1f} s"
         on_run(f"{request.kind} run {request.index}: {found}")
 
-    runs = fresh_runs(executor, limits, describe)(requests)
-    score = score_sequence(runs, least_floor(len(sequence)), gtf)
-    return Evaluation(score, _true_error(sequence, runs, configuration.side_metric), configuration.side_metric)
+    def describe_stored(event: Event) -> None:
+        if isinstance(event, RunFinished):
+            request, stored = event.run.request, event.run.stored
+            took = "reused" if event.run.reused else f"{stored.wall_s:.1f} s"
+            on_run(f"{request.kind} run {request.index}: {stored.error or f'{stored.num_poses} frames, {took}'}")
+
+    if database is None:
+        return fresh_runs(executor, limits, describe)
+    return stored_runs(RunSource(database, executor, limits, StopRequest(), describe_stored))
 
 
 def _true_error(sequence: Sequence, runs: SequenceRuns, definition: SideMetricDefinition) -> float:

@@ -84,3 +84,19 @@ def test_a_file_that_holds_no_options_is_refused(cli: Cli, room: Path, text: str
     assert said.code == 1
     assert reason in said.err
     assert "Traceback" not in said.err
+
+
+def test_evaluate_keeps_runs_where_it_is_given_a_storage(cli: Cli, room: Path) -> None:
+    command = ("evaluate", "room", "-p", "analytic", "-k", "1", "-K", "2", "-j", "1", "--noise-sigma", "5")
+
+    first, again = (cli(*command, "--storage", "kept.db") for _ in range(2))
+
+    assert first.out == again.out
+    assert "reused" not in first.err
+    assert again.err.count("frames, reused") == 3
+
+
+def test_evaluate_fails_where_every_run_failed(cli: Cli, room: Path) -> None:
+    command = ("evaluate", "room", "-p", "analytic", "-k", "1", "-K", "2", "-j", "1", "--noise-sigma", "5")
+
+    assert cli(*command, "--setting", "failure=error").code == 1

@@ -16,7 +16,7 @@ from gtf_tune.cli.parameters import (
     open_storage,
     storage_flag,
 )
-from gtf_tune.cli.study.notes import suggest_step
+from gtf_tune.cli.study.notes import say_what_is_ahead, suggest_step
 from gtf_tune.cli.study.run import (
     Dashboard,
     Places,
@@ -74,6 +74,7 @@ def confirm(
     database = open_storage(storage)
     study = open_for_work(database, name, sequence, allow_version_mismatch)
     plan = plan_confirmation(study, place_folders(sequence), top=top, noisy_runs=runs, again=again)
+    say_what_is_ahead(study, plan.num_runs, jobs or default_jobs())
     stop = StopRequest()
     with signals_to(stop, say), make_executor(jobs or default_jobs(), cache_dir) as executor:
         source = RunSource(database, executor, run_limits(study.definition.limits), stop, _say_event, study.nominal_run)

@@ -4,11 +4,12 @@ from collections.abc import Collection
 from typing import TYPE_CHECKING
 
 from gtf_tune.cli.parameters import storage_flag
-from gtf_tune.cli.terminal.console import say
+from gtf_tune.cli.terminal.console import duration, say
 
 if TYPE_CHECKING:
     from gtf_tune.store.database import Database
     from gtf_tune.store.studies import Study
+    from gtf_tune.study.open_study import OpenStudy
     from gtf_tune.study.outcome.recommendation import Recommendation
 
 STOPPED_EARLY = "* stopped early, on fewer noisy runs than the others: never recommended"
@@ -38,6 +39,31 @@ def warn_of_lost_frames(database: "Database", study_id: int) -> None:
                 f"warning: on {name} {lost}, so the score says little; find a weaker noise with 'gtf-tune noise', and "
                 "create a new study with --noise-sigma"
             )
+
+
+def say_what_is_ahead(study: "OpenStudy", runs_ahead: int, jobs: int) -> None:
+    """Say on stderr how many runs are to be made, and how long they take by those of the study so far."""
+    from gtf_tune.display import count
+    from gtf_tune.store import runs
+
+    cost = runs.totals(study.database, study.record.id)
+    if not cost.made:
+        say(f"{count(runs_ahead, 'run')} to make; how long they take is known after the first trial")
+        return
+    seconds = runs_ahead * cost.made_s / cost.made / jobs
+    say(f"{count(runs_ahead, 'run')} to make, about {duration(seconds)} ({jobs} at a time)")
+
+
+def runs_of_search(study: "OpenStudy") -> int:
+    """Return how many runs the trials that are left need at the most."""
+    from gtf_tune.store import trials
+    from gtf_tune.study.runs.kept import kept_runs
+
+    counts = trials.counts(study.database, study.record.id)
+    ended = sum(number for state, number in counts.items() if state != "claimed")
+    gtf = study.definition.gtf
+    each = (gtf.clean_runs + gtf.noisy_runs_max) * len(study.sequences)
+    return max((study.budget - ended) * each - kept_runs(study.database, study.record).stored, 0)
 
 
 def warn_of_mixed_versions(database: "Database", study_id: int, numbers: Collection[int]) -> None:

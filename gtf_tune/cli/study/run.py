@@ -19,7 +19,7 @@ from gtf_tune.cli.parameters import (
     open_storage,
     storage_flag,
 )
-from gtf_tune.cli.study.notes import suggest_outcome, warn_of_lost_frames
+from gtf_tune.cli.study.notes import runs_of_search, say_what_is_ahead, suggest_outcome, warn_of_lost_frames
 from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, say
 from gtf_tune.cli.values import split_pairs
 
@@ -82,6 +82,7 @@ def run(
     studies.check_open(studies.get(database, name))
     _change_sampler(database, name, sampler)
     study = open_for_work(database, name, sequence, allow_version_mismatch)
+    say_what_is_ahead(study, runs_of_search(study), jobs or default_jobs())
     work_on(
         study,
         make_executor(jobs or default_jobs(), cache_dir, executor, no_cache=no_cache),
@@ -109,6 +110,7 @@ def resume(
     Example: gtf-tune study resume photos
     """
     from gtf_tune.store import runs, trials
+    from gtf_tune.study.runs.kept import kept_runs
     from gtf_tune.study.states import reopen_study
 
     database = open_storage(storage)
@@ -121,7 +123,11 @@ def resume(
         f"study '{name}': {done} of {study.budget} trials done, {counts.get('claimed', 0)} in progress, "
         f"{cost.made} runs made and {cost.reused} reused for them, {study.budget - done} trials left"
     )
+    kept = kept_runs(database, study.record).text
+    if kept:
+        say(kept)
     reopen_study(database, name)
+    say_what_is_ahead(study, runs_of_search(study), jobs or default_jobs())
     work_on(
         study,
         make_executor(jobs or default_jobs(), cache_dir, executor, no_cache=no_cache),

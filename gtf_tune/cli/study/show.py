@@ -32,6 +32,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     from gtf_tune.store import ground_truth_errors, runs, studies, trials
     from gtf_tune.store.studies import stored_definition
     from gtf_tune.study.outcome.recommendation import recommend
+    from gtf_tune.study.runs.kept import kept_runs
 
     database = open_storage(storage)
     study = studies.get(database, name)
@@ -42,7 +43,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
         write_json(_as_json(database, study, truth, found))
         return
     efforts = trials.efforts(database, study.id)
-    _write_heading(definition, study, efforts, runs.totals(database, study.id))
+    _write_heading(definition, study, efforts, runs.totals(database, study.id), kept_runs(database, study).text)
     if truth.by_trial:
         say(f"ground truth, never seen by the search: {truth.side.words} [{truth.side.unit}]")
     count = sum(effort.count for effort in efforts)
@@ -86,7 +87,9 @@ def _number(trial: "Trial | None") -> int | None:
     return None if trial is None else trial.number
 
 
-def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list["Effort"], cost: "RunTotals") -> None:
+def _write_heading(
+    definition: "StudyDefinition", study: "Study", efforts: list["Effort"], cost: "RunTotals", kept: str
+) -> None:
     from gtf_tune.display import nominal_text
 
     gtf = definition.gtf
@@ -103,6 +106,7 @@ def _write_heading(definition: "StudyDefinition", study: "Study", efforts: list[
             "score": gtf.score_text,
             "sampler": f"{definition.search.sampler}, seed {definition.search.seed}",
             "runs": f"{cost.made} made in {duration(cost.made_s)}, {cost.reused} reused, {cost.failed} failed",
+            **({"under way": kept} if kept else {}),
             **({"saved": saved} if saved else {}),
         }
     )

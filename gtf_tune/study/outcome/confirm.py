@@ -52,6 +52,7 @@ class ConfirmationPlan:
     noisy_runs: int
     round: int
     baselines: Mapping[str, Trial] = field(default_factory=dict)
+    clean_runs: int = 1
 
     @property
     def compared(self) -> tuple[tuple[str, Trial], ...]:
@@ -60,8 +61,9 @@ class ConfirmationPlan:
 
     @property
     def num_runs(self) -> int:
-        """Noisy runs of all configurations on all sequences; clean ones come on top."""
-        return (1 + len(self.compared)) * self.noisy_runs * len(self.sequences) if self.compared else 0
+        """Runs of all configurations on all sequences."""
+        each = self.clean_runs + self.noisy_runs
+        return (1 + len(self.compared)) * each * len(self.sequences) if self.compared else 0
 
     @property
     def purpose(self) -> str:
@@ -111,7 +113,8 @@ def plan_confirmation(
         if all(trial.options != other.options for other in (nominal, *candidates))
     }
     sequences = _all_sequences(study, places)
-    plan = ConfirmationPlan(nominal, candidates, sequences, noisy_runs, len(earlier) + 1, baselines)
+    clean = study.definition.gtf.clean_runs
+    plan = ConfirmationPlan(nominal, candidates, sequences, noisy_runs, len(earlier) + 1, baselines, clean)
     if earlier and not again and _scope(study, plan).items() <= earlier[-1].definition.items():
         return replace(plan, round=len(earlier))
     return plan
