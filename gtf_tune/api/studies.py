@@ -205,9 +205,7 @@ def tune(
         _refuse_other(study, _plan(named, sequence, space, pipeline, more.get("nominal"), more.get("version", "")))
     else:
         study = create_study(named, trials=trials, storage=storage, **given)
-    if not study.run(trials, jobs=jobs).is_confirmed:
-        study.confirm(jobs=jobs)
-    return study
+    return study.tune(trials, jobs=jobs)
 
 
 def evaluate(

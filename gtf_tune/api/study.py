@@ -32,6 +32,7 @@ from gtf_tune.study.outcome.verdict import Verdict
 from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
 from gtf_tune.study.runs.stop import StopRequest, signals_to
 from gtf_tune.study.states import reopen_study
+from gtf_tune.study.tune.phases import Means, tune_through
 from gtf_tune.study.work.worker import StudyWorker
 
 if TYPE_CHECKING:
@@ -137,6 +138,36 @@ class Study:
         study = self._open()
         with _interruptible() as stop, executor_here(jobs) as executor:
             StudyWorker(study, executor, stop, [_logged(study)]).work(trial_parallel)
+        if stop.level:
+            raise KeyboardInterrupt
+        return self
+
+    def tune(self, trials: int | None = None, *, jobs: int | None = None) -> "Study":
+        """Search, put options of the best trial that carry nothing back to nominal, confirm, and return the study.
+
+        This is what ``gtf-tune tune`` does once its study exists, without its minutes. Calling it again goes on.
+
+        Parameters
+        ----------
+        trials, jobs
+            As `run` takes them.
+
+        Raises
+        ------
+        GtfTuneError
+            As `run` and `confirm` do.
+        KeyboardInterrupt
+            Someone pressed Ctrl-C; finished runs are kept.
+        """
+        if trials is not None:
+            self._set_budget(trials)
+        reopen_study(self._database, self.name)
+        study = self._open()
+        with _interruptible() as stop, executor_here(jobs) as executor:
+            try:
+                tune_through(study, Means(executor, stop, [_logged(study)], _log.info))
+            except Interrupted:
+                raise KeyboardInterrupt from None
         if stop.level:
             raise KeyboardInterrupt
         return self

@@ -48,8 +48,7 @@ def evaluate(
 
     Example: gtf-tune evaluate images/ -o mapper.max_normalized_reproj_error=1e-3
     """
-    from gtf_tune.cli.parameters import default_jobs, make_executor
-    from gtf_tune.cli.parameters import create_storage
+    from gtf_tune.cli.parameters import create_storage, default_jobs, make_executor
     from gtf_tune.cli.values import parse_options, parse_pairs, parse_value
     from gtf_tune.definition import GtfDefinition, SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict

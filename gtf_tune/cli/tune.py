@@ -35,8 +35,14 @@ if TYPE_CHECKING:
     from gtf_tune.trajectory import Trajectory
 
 Source = Annotated[
-    Path, typer.Argument(metavar="IMAGES|FILE.toml", help="Images in any known layout, or a study definition.")
+    Path,
+    typer.Argument(
+        metavar="IMAGES|VIDEO|FILE.toml", help="Images in any known layout, a video, or a study definition."
+    ),
 ]
+VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
+FRAMES_HZ = 2.0
+"""Frames a second that are taken from a video; 'gtf-tune sequence extract' takes others."""
 Minutes = Annotated[float, typer.Option("--minutes", "-m", min=0.1, max=1e6, help="Wall time for everything.")]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the outcome (default SOURCE-tuned).")]
 New = Annotated[bool, typer.Option("--new", help="Begin another study, even if one of the same images is under way.")]
@@ -65,12 +71,16 @@ def tune(
     Example: gtf-tune tune photos/ --minutes 30
     """
     from gtf_tune.study.open_study import open_study
-    from gtf_tune.study.tune.handover import check_output
+    from gtf_tune.study.tune.handover import check_output, makes_models
 
     began = time.monotonic()
     hush_optuna()
+    given = source
+    if source.suffix.lower() in VIDEOS:
+        source = _frames_of(source)
+        setting = [*(["pairing=sequential"] if makes_models(pipeline or "glomap") else []), *(setting or [])]
     request = _request(source, minutes, jobs or default_jobs(), tier, _sections(source, pipeline, setting, range_))
-    folder = output or source.absolute().with_name(f"{source.stem}-tuned")
+    folder = output or given.absolute().with_name(f"{given.stem}-tuned")
     check_output(folder)
     database = create_storage(storage)
     tuning = _begin(database, request, cache_dir, new=new)
@@ -113,6 +123,17 @@ def _tune_through(
         raise typer.Exit(INTERRUPTED_EXIT_CODE)
     shown.bring_up_to_date()
     return found
+
+
+def _frames_of(video: Path) -> Path:
+    """Return the folder of a video's frames, extracted now unless an earlier call has done so."""
+    from gtf_tune.sequence import Extraction, extract_video
+
+    folder = video.with_name(f"{video.stem}-frames")
+    if not folder.exists():
+        say(f"taking the sharpest frame of each half second of {video.name}, into {folder}")
+        extract_video(video, folder, Extraction(rate_hz=FRAMES_HZ))
+    return folder
 
 
 def _sections(

@@ -3,6 +3,8 @@
 import json
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.cli.conftest import Cli
@@ -87,3 +89,17 @@ def test_a_pipeline_about_which_nothing_says_what_to_search_is_one_sentence(cli:
 
     assert refused.code == 1
     assert "nothing says what to search on pipeline 'analytic'; name the options" in refused.err
+
+
+def test_a_video_is_taken_apart_once(cli: Cli, tmp_path: Path) -> None:
+    film = cv2.VideoWriter(str(tmp_path / "walk.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, (64, 48))
+    for number in range(40):
+        film.write(np.full((48, 64, 3), 6 * number, dtype=np.uint8))
+    film.release()
+
+    first, again = (cli("tune", "walk.avi", "--pipeline", "analytic") for _ in range(2))
+
+    assert "taking the sharpest frame of each half second of walk.avi" in first.err
+    assert "taking" not in again.err
+    assert len(list((tmp_path / "walk-frames").rglob("*.png"))) == 8
+    assert "nothing says what to search on pipeline 'analytic'" in again.err

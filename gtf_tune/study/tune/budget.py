@@ -17,6 +17,7 @@ CONFIRMED = 2
 FEWEST_CONFIRMATION_RUNS = 4
 MOST_CONFIRMATION_RUNS = 16
 MOST_TRIALS = 60
+_FEWEST_TRIALS = 4
 
 ABLATIONS = 2
 """Trials that are kept for putting options of the best one back to nominal."""
@@ -143,7 +144,8 @@ class Budget:
     def _more_trials(self, price: RunPrice, left: float) -> int:
         trial = self._parallel(self._trial(price))
         affordable = math.floor(max(left, 0.0) / trial) - ABLATIONS if trial > 0 else self.most_trials
-        return min(max(affordable, 0), max(self.most_trials - 1 - self.first, 0))
+        fewest = max(_FEWEST_TRIALS - 1 - self.first, 0)  # the search ends by the clock in any case
+        return min(max(affordable, fewest), max(self.most_trials - 1 - self.first, 0))
 
     def _fits(self, plan: Plan) -> bool:
         return plan.confirmation_runs > 0 and plan.seconds <= _IN_TIME * self.seconds

@@ -90,18 +90,17 @@ class Means:
 def tune_through(study: OpenStudy, means: Means) -> Recommendation:
     """Search, put options that carry nothing back to nominal, confirm, and return which trial to use.
 
-    What was done before is not done again: a study that is confirmed is not searched any more.
+    What was done before is not done again: within minutes, a study that is confirmed is not searched any more.
 
     Raises
     ------
     Interrupted
         Someone asked to stop; the next call goes on.
     """
-    if not confirmations.of_study(study.database, study.record.id):
+    if means.minutes is None or not confirmations.of_study(study.database, study.record.id):
         _search(study, means)
-        if not means.stop.level:
-            chosen = _candidates(study, means)
-            _confirm(study, means, chosen)
+        if not means.stop.level and not recommend(study.database, study.record).is_confirmed:
+            _confirm(study, means, _candidates(study, means))
     return recommend(study.database, study.record)
 
 

@@ -34,6 +34,7 @@ TUNE_KEY = "tune"
 NOISE_SIGMA = 0.5
 """Noise in grey levels: what measuring it, for 14 to 30 runs, gave on nearly every sequence (docs/results.md)."""
 
+_SHORT_S = 15.0
 _FEWEST_REDUCED_FRAMES = 10
 _SMALLEST_IMAGE = 320
 
@@ -210,7 +211,8 @@ def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reducti
 def _price(definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, source: RunSource) -> RunPrice:
     """Return what a run costs, from the first run of the nominal trial, which is stored for it.
 
-    Where that run found stages at hand it says too little, and the first noisy run is timed as well.
+    The first noisy run is timed as well where that run found stages at hand, or is so short that the start of the
+    executor rules it.
 
     Raises
     ------
@@ -222,9 +224,9 @@ def _price(definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, 
         planner.request(sequence, {}, (kind, 0), sigma=_sigma(definition), number=0) for kind in ("clean", "noisy")
     )
     found = _timed(clean, source)
-    if any(found.get(name) for name in found if name.endswith("_cached")):
+    if found["wall"] < _SHORT_S or any(found[name] for name in found if name.endswith("_cached")):
         other = _timed(noisy, source)
-        found = {name: max(found.get(name, 0.0), seconds) for name, seconds in other.items()}
+        found = {name: max(found.get(name, 0.0), seconds) for name, seconds in other.items()} | {"wall": other["wall"]}
     stages = {name: seconds for name, seconds in found.items() if name.endswith("_s")}
     whole = max(found["wall"], sum(stages.values()))
     matched = sum(stages.get(f"{stage}_s", 0.0) for stage in ("images", "features", "matches"))
