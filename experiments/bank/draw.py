@@ -201,16 +201,25 @@ class Others:
 
     @lru_cache(maxsize=32)  # noqa: B019
     def portfolio(self, size: int, configurations: int) -> tuple[int, ...]:
-        """Return nominal and the configurations that, one after the other, lower the best true error most."""
-        truth = self.truth[:, :configurations]
-        rows = truth[~np.isnan(truth).any(axis=1)]
-        chosen = [0]
-        while len(chosen) < min(size, configurations) and len(rows):
+        """Return nominal and the configurations that, one after the other, lower the best true error most.
+
+        Those are chosen among as many of the configurations as a few sequences have all of.
+        """
+        rows, chosen = self._whole(configurations), [0]
+        while len(chosen) < min(size, rows.shape[1]):
             best = rows[:, chosen].min(axis=1)
             gains = np.minimum(rows, best[:, np.newaxis]).mean(axis=0)
             gains[chosen] = np.inf
             chosen.append(int(np.argmin(gains)))
         return tuple(chosen)
+
+    def _whole(self, configurations: int) -> FloatArray:
+        for count in range(configurations, 1, -1):
+            rows = self.truth[:, :count] if len(self.sequences) else np.empty((0, count))
+            rows = rows[~np.isnan(rows).any(axis=1)]
+            if len(rows) >= _FEWEST_TRAINED:
+                return rows
+        return np.empty((0, 1))
 
     def _block(self, sequence: int) -> Block:
         found = block(self.bank, sequence)

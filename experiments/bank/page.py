@@ -59,6 +59,7 @@ def _contents(bank: Bank) -> str:
 
 def _explanation(bank: Bank, places: Sequence[int]) -> str:
     groups = len({bank.groups[place] for place in places})
+    portfolio = ", ".join(bank.labels[member] for member in Others(bank, "").portfolio(8, len(bank.labels)))
     return (
         f"Each rule sees some of the runs of a sequence and adopts one configuration; the true ATE of that one on "
         f"noisy copies that the rule did not see is compared with nominal's. Averages are over {DRAWS} splits of the "
@@ -67,7 +68,8 @@ def _explanation(bank: Bank, places: Sequence[int]) -> str:
         f"sequences in {groups} groups, where nominal's true error is below {BROKEN:.0%} of the extent, or over as "
         "many of them as have the runs that a rule needs. The interval is a bootstrap over groups, 90 %. The way is "
         "that from the fixed configuration (0 %) to hindsight (100 %). A plain run is a cold nominal run; prices are "
-        f"processor time. Clearly better or worse means by more than {CLEARLY:.0%}."
+        f"processor time. Better or worse means by more than {CLEARLY:.0%}. From all sequences together the portfolio "
+        f"is, in this order: {portfolio}."
     )
 
 

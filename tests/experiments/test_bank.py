@@ -99,6 +99,14 @@ def test_the_fixed_configuration_is_chosen_on_other_groups_only():
     assert found.worse(range(5)) == 3
 
 
+def test_a_portfolio_is_chosen_among_what_other_sequences_have():
+    bank = bank_of([[1, 0.9, 0.6, 0.8, 0.9, 0.1]] * 4, labels=tuple(CONFIGURATIONS)[:6])
+    partly = without_runs(bank, np.s_[1:, 5])
+
+    assert Others(bank, "g0").portfolio(2, 6) == (0, 5)
+    assert Others(partly, "g0").portfolio(2, 6) == (0, 2)
+
+
 def test_seen_and_unseen_copies_have_no_noise_in_common():
     bank = bank_of([[1, 0.9]] * 2)
 
