@@ -1,5 +1,6 @@
 """The command line: every command with what it does, and the only error boundary."""
 
+import errno
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from gtf_tune.cli.parameters import close_storages
 from gtf_tune.cli.remedies import with_remedy
 from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, ready_streams, say, write_line
 from gtf_tune.errors import GtfTuneError
+
+_SHORTAGES = (errno.EMFILE, errno.ENFILE, errno.EAGAIN, errno.ENOMEM)
 
 
 @dataclass(frozen=True)
@@ -280,6 +283,11 @@ def main() -> None:
         app()
     except GtfTuneError as error:
         say(f"error: {with_remedy(error)}")
+        sys.exit(1)
+    except OSError as error:
+        if error.errno not in _SHORTAGES:
+            raise
+        say(f"error: this machine gives no more ({error.strerror}); end other programs or raise its limits (ulimit -a)")
         sys.exit(1)
     except KeyboardInterrupt:  # before the command has begun, or after it; in between typer hears of it
         sys.exit(INTERRUPTED_EXIT_CODE)

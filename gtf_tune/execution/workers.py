@@ -1,5 +1,6 @@
 """Keep worker processes at hand, each independent of the others, so that the death of one harms no other."""
 
+import contextlib
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -40,10 +41,10 @@ class Workers:
         """
         for _ in range(_TRIES):
             pool = self._idle_or_new()
-            with interrupts_withheld():  # a new pool starts its process when it is asked for the first time
-                active = pool.active
-            if active:
-                return pool
+            # A new pool starts its process when it is asked for the first time, which limits of the system may forbid.
+            with interrupts_withheld(), contextlib.suppress(OSError, RuntimeError):
+                if pool.active:
+                    return pool
             self.end(pool)
         raise MachineError(
             "this machine cannot start another process; end other programs or raise its limits (ulimit -u, -n)"
@@ -86,8 +87,9 @@ class Workers:
 
 
 def _end(pool: ProcessPool) -> None:
-    pool.stop()
-    pool.join()
+    with contextlib.suppress(OSError, RuntimeError):  # of one that never had a process
+        pool.stop()
+        pool.join()
 
 
 _turn = threading.Lock()

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import case, func, insert, select
+from sqlalchemy import Text, case, func, insert, select, type_coerce
 from sqlalchemy.orm import Session
 
 from gtf_tune.errors import StorageError, TrajectoryError
@@ -217,6 +217,30 @@ def count_unlinked(database: Database, fingerprints: Iterable[str], seeds: Itera
         .where(run.sequence_fingerprint.in_(list(fingerprints)), run.seed.in_(list(seeds)), link_.run_id.is_(None))
     )
     return int(read_rows(database, query)[0][0])
+
+
+@dataclass(frozen=True)
+class MachineFault:
+    """Runs that failed because of a machine, for one reason: on which host, how many, and when last."""
+
+    host: str
+    reason: str
+    runs: int
+    last_at: float
+
+
+def machine_faults(database: Database, study_id: int) -> list[MachineFault]:
+    """Return what machines did to runs on the images of a study, the latest first; no trial refers to such runs."""
+    run, images = models.Run, select(models.Sequence.fingerprint).where(models.Sequence.study_id == study_id)
+    noted = type_coerce(run.diagnostics, Text).contains('"failure":"machine"', autoescape=True)
+    last = func.max(run.started_at)
+    query = (
+        select(run.host, run.error, func.count(run.id), last)
+        .where(run.status == "failed", run.sequence_fingerprint.in_(images), noted)
+        .group_by(run.host, run.error)
+        .order_by(last.desc())
+    )
+    return [MachineFault(*row) for row in read_rows(database, query)]
 
 
 def _linked(database: Database, condition: Any) -> list[TrialRun]:

@@ -1,3 +1,4 @@
+import errno
 import shutil
 import signal
 import subprocess
@@ -12,7 +13,7 @@ import psutil
 import pytest
 
 from gtf_tune.errors import MachineError
-from gtf_tune.execution import Executor, LocalExecutor
+from gtf_tune.execution import Executor, LocalExecutor, workers
 from gtf_tune.execution.paths import Scratch
 from gtf_tune.pipelines.run import RunOutcome
 from tests.execution.doubles import Hanging, Listening, Refusing, analytic, request_of
@@ -241,3 +242,24 @@ def test_a_run_that_its_pool_forgets_is_tried_again(tmp_path: Path) -> None:
         outcome = executor.submit(request_of(analytic()), LIMITS).result(timeout=WAIT_S)
 
     assert outcome.status == "ok"
+
+
+def test_a_machine_that_can_start_no_process_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Refused:
+        """A pool as under ``ulimit -n 20``."""
+
+        def __init__(self, **_: object) -> None: ...
+
+        @property
+        def active(self) -> bool:
+            raise OSError(errno.EMFILE, "Too many open files")
+
+        def stop(self) -> None:
+            raise RuntimeError("never started")
+
+    monkeypatch.setattr(workers, "ProcessPool", Refused)
+    lent = workers.Workers()
+
+    with pytest.raises(MachineError, match=r"cannot start another process; .* raise its limits"):
+        lent.take()
+    lent.close()

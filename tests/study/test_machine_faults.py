@@ -15,7 +15,7 @@ from gtf_tune.execution import InlineExecutor, RunLimits
 from gtf_tune.pipelines import RunOutcome, create_pipeline
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import load_sequence
-from gtf_tune.store import studies
+from gtf_tune.store import runs, studies
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.session import read_rows, write
 from gtf_tune.study.create import checked_definition, create_study
@@ -107,6 +107,8 @@ def test_a_fault_of_the_machine_is_stored_and_ends_the_work_but_is_never_reused(
     StudyWorker(open_study(database, "small"), InlineExecutor()).work()
 
     assert [found["failure"] for status, found in stored if status == "failed"] == ["machine"]
+    (fault,) = runs.machine_faults(database, studies.get(database, "small").id)
+    assert (fault.reason, fault.runs) == ("the disk is full", 1)
     assert studies.get(database, "small").state == "done"
     (summary,) = studies.summaries(database)
     assert (summary.complete, summary.infeasible) == (3, 0)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 All = Annotated[bool, typer.Option("--all", help="Every trial, not only the best twenty and nominal.")]
 _SHOWN_TRIALS = 20
+_SHOWN_FAULTS = 3
 _OPTION_COLUMNS = 2
 
 
@@ -55,15 +56,18 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
         write_pairs({">" if found.trial else "verdict": found.text})
     if len(chosen) < count:
         say(f"{count - len(chosen)} more trials with --all")
+    for fault in runs.machine_faults(database, study.id)[:_SHOWN_FAULTS]:
+        say(f"note: {fault.runs} runs failed because of {fault.host}, not of their configurations: {fault.reason}")
     warn_of_lost_frames(database, study.id)
     suggest_after_show(database, study, found)
 
 
 def _as_json(database: "Database", study: "Study", truth: TrueErrors, found: "Recommendation") -> dict[str, Any]:
-    from gtf_tune.store import trials
+    from gtf_tune.store import runs, trials
     from gtf_tune.store.studies import stored_definition
 
     versions = trials.version_mismatches(database, study.id)
+    faults = [vars(fault) for fault in runs.machine_faults(database, study.id)]
     return {
         "name": study.name,
         "state": study.state,
@@ -73,6 +77,7 @@ def _as_json(database: "Database", study: "Study", truth: TrueErrors, found: "Re
             {**trial.as_dict(), "version_mismatch": versions.get(trial.number), **truth.as_json(trial.number)}
             for trial in trials.of_study(database, study.id)
         ],
+        "machine_faults": faults,
         "recommendation": found.summary(),
     }
 
