@@ -308,7 +308,7 @@ class Study:
         known = sum(trials.counts(self._database, record.id).values())
         wanted = max(total, known, 1)
         if wanted != defined_budget(stored_definition(record)) + len(numbers_of(record.resolved)):
-            extend_study(self._database, self.name, Extension(trials=wanted))
+            extend_study(self._database, self.name, Extension(trials=wanted, may_shrink=True))
 
     def _open(self) -> OpenStudy:
         """Return the study ready for work; opened again only where it changed, since that reads all images."""

@@ -28,12 +28,14 @@ _WIDENABLE = ("refine", "tpe", "random")
 class Extension:
     """Changes of a study; ``None`` and no axes leave things as they are.
 
-    ``trials`` is the new total, nominal included; ``axes`` are new ranges (``low``, ``high``, ``log``) by option.
+    ``trials`` is the new total, nominal included, and no smaller one unless ``may_shrink``; ``axes`` are new ranges
+    (``low``, ``high``, ``log``) by option.
     """
 
     trials: int | None = None
     noisy_runs: int | None = None
     axes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    may_shrink: bool = False
 
     @property
     def is_empty(self) -> bool:
@@ -164,7 +166,7 @@ def _axis_fault(definition: StudyDefinition, option: str, axis: Mapping[str, Any
 
 def _refuse_less(study: Study, definition: StudyDefinition, extension: Extension) -> None:
     now = defined_budget(definition) + len(numbers_of(study.resolved))
-    if extension.trials is not None and extension.trials < now:
+    if extension.trials is not None and extension.trials < now and not extension.may_shrink:
         raise DefinitionError(
             f"study '{study.name}' has {now} trials already, more than {extension.trials}, which would be the new "
             "total; give a larger one",
