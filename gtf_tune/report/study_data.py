@@ -14,8 +14,7 @@ from gtf_tune.store.ground_truth_errors import Validation
 from gtf_tune.store.runs import StoredRun, TrialRun
 from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.outcome.doubt import doubts_of_detail
-from gtf_tune.study.outcome.evidence import evidence_of
+from gtf_tune.study.outcome.evidence import doubts_of_detail, evidence_of
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement, improvement_of
 from gtf_tune.study.outcome.recommendation import Recommendation, decide
 from gtf_tune.study.outcome.verdict import Verdict, verdict_of

@@ -19,7 +19,7 @@ _GOOD_COVERAGE = 0.9
 def warn_of_lost_frames(database: "Database", study_id: int) -> None:
     """Say on stderr on which sequences the nominal options lose frames, without noise or because of it."""
     from gtf_tune.store import trials
-    from gtf_tune.study.outcome.doubt import frames_lost_to_noise
+    from gtf_tune.study.outcome.evidence import frames_lost_to_noise
 
     nominal = trials.nominal(database, study_id)
     if nominal is None or nominal.state != "complete":

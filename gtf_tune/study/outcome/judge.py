@@ -27,7 +27,7 @@ from gtf_tune.gtf import GtfScore, PairedDifference, common_collapses, differenc
 from gtf_tune.gtf.random_effects import FEWEST_INSTANCES
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.study.outcome.contradiction import CleanRun, contradictions
-from gtf_tune.study.outcome.doubt import doubts_of_scores, movement
+from gtf_tune.study.outcome.evidence import doubts_of_scores, movement
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement
 from gtf_tune.study.outcome.verdict import (
     ADOPT,
