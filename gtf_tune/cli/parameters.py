@@ -87,7 +87,7 @@ def make_executor(jobs: int, cache_dir: Path | None, address: str = "local", *, 
     DefinitionError
         The address is neither ``local`` nor ``dask://HOST:PORT``.
     """
-    from gtf_tune.execution import FreshStages, LocalExecutor, StageCache, default_cache_folder
+    from gtf_tune.execution import FreshStages, LocalExecutor, StageCache, private_cache_folder
 
     if address.startswith(_DASK):
         from gtf_tune.execution.dask.executor import DaskExecutor
@@ -99,7 +99,7 @@ def make_executor(jobs: int, cache_dir: Path | None, address: str = "local", *, 
         return executor
     if address != "local":
         raise DefinitionError(f"--executor takes local or dask://HOST:PORT, not '{address}'")
-    folder = cache_dir or default_cache_folder()
+    folder = private_cache_folder(cache_dir)
     stages = FreshStages() if no_cache else StageCache(folder)
     return LocalExecutor(jobs, stages, scratch=folder / "scratch")
 

@@ -3,7 +3,7 @@
 from gtf_tune.execution.base import Executor, RunLimits
 from gtf_tune.execution.inline import InlineExecutor
 from gtf_tune.execution.local import LocalExecutor
-from gtf_tune.execution.paths import default_cache_folder
+from gtf_tune.execution.paths import default_cache_folder, private_cache_folder
 from gtf_tune.execution.stage_cache import CacheInfo, StageCache
 from gtf_tune.execution.stages import FreshStages, StageStore
 
@@ -17,4 +17,5 @@ __all__ = [
     "StageCache",
     "StageStore",
     "default_cache_folder",
+    "private_cache_folder",
 ]

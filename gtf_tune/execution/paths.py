@@ -104,6 +104,21 @@ def default_cache_folder() -> Path:
     return Path(chosen or platformdirs.user_cache_dir("gtf-tune")).expanduser().absolute()
 
 
+def private_cache_folder(chosen: Path | None = None) -> Path:
+    """Return the folder of the stage cache after making it for this user alone; the default where none was chosen.
+
+    Raises
+    ------
+    MachineError
+        It cannot be made, or belongs to another user.
+    """
+    folder = chosen.expanduser().absolute() if chosen else default_cache_folder()
+    try:
+        return make_private(folder)
+    except OSError as error:
+        raise _unwritable(folder, error) from error
+
+
 def _unwritable(folder: Path, error: OSError) -> MachineError:
     return MachineError(
         f"cannot write below {folder} ({error.strerror}); choose another folder for the cache", remedy=("cache folder",)

@@ -11,6 +11,7 @@ import pytest
 
 import gtf_tune
 from gtf_tune import operating_system
+from gtf_tune.cli.parameters import make_executor
 from gtf_tune.errors import MachineError
 from gtf_tune.operating_system import available_memory_bytes, make_private, open_lock_file, process_start
 from gtf_tune.store import trial_queue
@@ -152,7 +153,7 @@ def test_folders_of_the_cache_are_private_and_those_of_others_are_refused(
     monkeypatch.setattr(operating_system, "user_id", lambda: os.geteuid() + 1)
     for place in (folder, tmp_path / "link"):
         with pytest.raises(MachineError, match="it belongs to another user"):
-            make_private(place)
+            make_executor(1, place)
     with pytest.raises(MachineError, match="it belongs to another user"):
         open_lock_file(tmp_path / "lock")
 

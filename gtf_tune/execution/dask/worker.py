@@ -14,7 +14,7 @@ from distributed import WorkerPlugin, get_worker
 from gtf_tune.errors import DefinitionError, SequenceError
 from gtf_tune.execution.base import RunLimits
 from gtf_tune.execution.local import LocalExecutor
-from gtf_tune.execution.paths import default_cache_folder
+from gtf_tune.execution.paths import private_cache_folder
 from gtf_tune.execution.stage_cache import StageCache
 from gtf_tune.execution.stages import FreshStages
 from gtf_tune.pipelines.run import RunOutcome, RunRequest
@@ -36,7 +36,7 @@ class RunHost(WorkerPlugin):  # type: ignore[misc]  # distributed has no types
         """Start the executor; called by Dask when the worker starts or the plug-in is registered."""
         # Dask's nanny starts workers as daemons, to which multiprocessing grants no children: its only use of the flag.
         multiprocessing.current_process()._config["daemon"] = False  # type: ignore[attr-defined]
-        folder = default_cache_folder()
+        folder = private_cache_folder()
         stages = StageCache(folder) if self._keep_stages else FreshStages()
         self._executor = LocalExecutor(worker.state.nthreads, stages, scratch=folder / "scratch", retry_elsewhere=True)
 
