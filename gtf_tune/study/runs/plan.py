@@ -3,13 +3,16 @@
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.pipelines.run import RunKind, RunRequest
-from gtf_tune.sequence import Sequence
 from gtf_tune.store.runs import StoredRun
-from gtf_tune.trajectory import Trajectory
+
+if TYPE_CHECKING:  # take OpenCV and scipy, which no reader of studies needs
+    from gtf_tune.sequence import Sequence
+    from gtf_tune.trajectory import Trajectory
 
 _BITS_31 = 2**31 - 1
 _BITS_63 = 2**63 - 1
@@ -24,7 +27,7 @@ class FinishedRun:
 
     request: RunRequest
     stored: StoredRun
-    trajectory: Trajectory
+    trajectory: "Trajectory"
     reused: bool
 
 
@@ -69,7 +72,7 @@ class RunPlanner:
 
     def request(
         self,
-        sequence: Sequence,
+        sequence: "Sequence",
         options: Mapping[str, OptionValue],
         run: tuple[RunKind, int],
         *,
