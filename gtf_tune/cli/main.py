@@ -225,7 +225,9 @@ COMMANDS = {
         "Studies", "Work on every open study of a storage, as one of many workers on many machines.", "worker:worker"
     ),
     "evaluate": Entry(
-        "Studies", "Print the GTF ATE of one configuration on one sequence; nothing is stored.", "evaluate:evaluate"
+        "Studies",
+        "Print the GTF ATE of one configuration on one sequence; nothing is stored unless a storage is given.",
+        "evaluate:evaluate",
     ),
     "noise": Entry(
         "Studies",
