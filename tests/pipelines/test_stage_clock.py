@@ -2,16 +2,14 @@
 
 import pytest
 
-from gtf_tune.pipelines import stage_clock
 from gtf_tune.pipelines.stage_clock import StageClock
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> StageClock:
+def clock() -> StageClock:
     """Return a clock on which a second passes between any two looks at the time."""
     times = iter(range(100))
-    monkeypatch.setattr(stage_clock.time, "perf_counter", lambda: float(next(times)))
-    return StageClock()
+    return StageClock(now=lambda: float(next(times)))
 
 
 def test_inner_stages_count_for_themselves(clock: StageClock) -> None:

@@ -152,7 +152,7 @@ def test_gp_looks_near_the_best_score_beside_an_infeasible_region() -> None:
             r"cannot be imported \(ModuleNotFoundError: No module named 'nobodys'\); install",
         ),
         ("somebodys:Notting", {}, r"cannot be imported \(AttributeError: .*has no attribute 'Notting'"),
-        ("somebodys:number", {}, "is no class of Optuna samplers"),
+        ("somebodys:number", {}, "is not a class of Optuna samplers"),
         ("somebodys:Noting", {"sed": 3}, r"cannot be made \(TypeError: .*'sed'\); check sampler_arguments"),
     ],
 )

@@ -131,7 +131,8 @@ def test_a_setting_can_be_scored_alone_with_a_noise_that_is_measured() -> None:
 
     scored = [run.noise_sigma for run in executor.executed if run.kind == "noisy"][-3:]
     assert found.score.feasible
-    assert set(scored) == {float(said[0].split()[3])}
+    (measured,) = (line for line in said if line.startswith("noise of "))
+    assert set(scored) == {float(measured.split()[3])}
 
 
 def test_the_first_stored_noise_decides(room: Path, database: Database, run_study: Runner) -> None:
