@@ -113,11 +113,18 @@ def _check_size(path: Path, width: int, height: int) -> None:
         )
 
 
+def _silence_opencv() -> None:
+    if hasattr(cv2, "setLogLevel"):  # OpenCV 4
+        cv2.setLogLevel(0)
+    else:
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
+
 def _decoded(path: Path, data: bytes) -> NDArray[np.generic]:
     """Return the pixels as they are stored, with channels in OpenCV's order."""
     if path.suffix.lower() in HEIF_SUFFIXES:
         return _decoded_heif(path, data)
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the error says what is wrong
+    _silence_opencv()  # the error says what is wrong
     try:
         pixels = cv2.imdecode(np.frombuffer(_as_stored(data), dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:

@@ -1,31 +1,37 @@
 """Flags that take numbers refuse those that nobody means."""
 
+import inspect
 import math
 from collections.abc import Iterator
+from importlib import import_module
 from typing import Any, get_args
 
 import pytest
-import typer
 
-from gtf_tune.cli.main import app
 from tests.cli.conftest import Cli
+from tests.cli.test_lazy_commands import ENTRIES
 
 CHECKED_WITH_THE_DEFINITION = {"study create", "evaluate --noise-sigma"}
 CHECKED_WITH_THE_FILES = {"metric ate --offset", "metric rpe --offset", "metric gtf --offset"}
 
 
-def numbers(group: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            yield from numbers(command, f"{path}{name} ")
-            continue
-        for parameter in command.params:
-            kinds = {parameter.type_descriptor.annotation, *get_args(parameter.type_descriptor.annotation)}
-            if kinds & {int, float}:
-                yield f"{path}{name} {parameter.opts[0]}", parameter
+def numbers() -> Iterator[tuple[str, Any]]:
+    """Yield each flag that takes a number, by the names of its command and of the flag, with what typer knows of it."""
+    for name, entry in ENTRIES.items():
+        module, _, function = entry.target.partition(":")
+        command = getattr(import_module(f"gtf_tune.cli.{module}"), function)
+        for parameter in inspect.signature(command, eval_str=True).parameters.values():
+            kind, *known = get_args(parameter.annotation) or (parameter.annotation,)
+            if {kind, *get_args(kind)} & {int, float}:
+                flag = (getattr(known[0], "param_decls", None) or (f"--{parameter.name.replace('_', '-')}",))[0]
+                yield f"{name} {flag}", known[0]
 
 
-PARAMETERS = dict(numbers(typer.main.get_command(app)))
+PARAMETERS = dict(numbers())
+
+
+def test_there_are_flags_for_numbers() -> None:
+    assert len(PARAMETERS) > 30
 
 
 @pytest.mark.parametrize("flag", PARAMETERS)
