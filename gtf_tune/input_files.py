@@ -3,6 +3,7 @@
 import errno
 import json
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -48,14 +49,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     ValueError
         It is none, nests values too deeply, or has a number of thousands of digits.
     """
-    try:
-        return _shallow(tomllib.loads(text))
-    except RecursionError as error:
-        raise ValueError(_TOO_DEEP) from error
-    except tomllib.TOMLDecodeError:
-        raise
-    except ValueError as error:
-        raise ValueError(_TOO_LONG) from error
+    return _parsed(tomllib.loads, text)
 
 
 def parse_json(text: str) -> Any:
@@ -66,11 +60,15 @@ def parse_json(text: str) -> Any:
     ValueError
         It is none, nests values too deeply, or has a number of thousands of digits.
     """
+    return _parsed(json.loads, text)
+
+
+def _parsed(loads: Callable[[str], Value], text: str) -> Value:
     try:
-        return _shallow(json.loads(text))
+        return _shallow(loads(text))
     except RecursionError as error:
         raise ValueError(_TOO_DEEP) from error
-    except json.JSONDecodeError:
+    except (tomllib.TOMLDecodeError, json.JSONDecodeError):
         raise
     except ValueError as error:
         raise ValueError(_TOO_LONG) from error

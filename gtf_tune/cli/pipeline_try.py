@@ -45,8 +45,8 @@ def try_pipeline(
     from gtf_tune.execution.watched import run_watched
     from gtf_tune.pipelines.run import RunRequest
 
-    pipeline = _pipeline(definition, parse_pairs(setting, "--setting"))
-    options = pipeline.options.check(parse_pairs(option, "--option"))
+    pipeline, own = _pipeline(definition, parse_pairs(setting, "--setting"))
+    options = pipeline.options.check({**own, **parse_pairs(option, "--option")})
     loaded = load_as_asked(sequence, parse_selection(frames, exclude, recursive), camera)
     folder = _new_folder(keep)
     request = RunRequest(pipeline, options, loaded, "clean", 0, noise_sigma=0.0, noise_seed=0, seed=seed)
@@ -58,18 +58,19 @@ def try_pipeline(
         raise RunError(f"{outcome.error}; its files are in {folder}")
 
 
-def _pipeline(definition: str, settings: dict[str, Any]) -> "Pipeline":
-    """Return a registered pipeline, or the one that a definition of a command or of a study describes."""
+def _pipeline(definition: str, settings: dict[str, Any]) -> tuple["Pipeline", dict[str, Any]]:
+    """Return a registered pipeline, or that of a definition of a command or study, and the options of the study."""
     from gtf_tune.definition import read_toml
     from gtf_tune.pipelines import create_pipeline
 
     if not definition.endswith(".toml"):
-        return create_pipeline(definition, settings)
+        return create_pipeline(definition, settings), {}
     path = Path(definition)
     section = read_toml(path, "a definition of a program or of a study").get("pipeline")
     if isinstance(section, dict):
-        return create_pipeline(str(section.get("name", "")), {**section.get("settings", {}), **settings})
-    return create_pipeline("command", {"definition": str(path), **settings})
+        own = {**section.get("nominal", {}), **section.get("options", {})}
+        return create_pipeline(str(section.get("name", "")), {**section.get("settings", {}), **settings}), own
+    return create_pipeline("command", {"definition": str(path), **settings}), {}
 
 
 def _new_folder(keep: Path | None) -> Path:
