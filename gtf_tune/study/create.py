@@ -52,8 +52,10 @@ def checked_definition(
         Something is wrong; the message names every fault, of the structure of the file and of the options in it.
     """
     refuse_unbounded(data, source)
-    data = _with_zeros(data)
-    faults = _option_faults(data)
+    table = _option_table(data)
+    if isinstance(table, OptionTable):
+        data = _with_zeros(data, table)
+    faults = _option_faults(data, table)
     try:
         definition = definition_from_dict(data, source, map(str, faults), hints)
     except DefinitionError as error:
@@ -160,14 +162,21 @@ def _optuna_study(database: Database, name: str) -> int:
     return created
 
 
-def _option_faults(data: Mapping[str, Any]) -> list[GtfTuneError]:
-    section = data.get("pipeline")
-    if not isinstance(section, Mapping) or not isinstance(section.get("name"), str):
-        return []
+def _option_table(data: Mapping[str, Any]) -> OptionTable | GtfTuneError | None:
+    """Return the options of a definition's pipeline, why it cannot be made, or None where none is named."""
+    section = _mapping(data.get("pipeline"))
+    if not isinstance(section.get("name"), str):
+        return None
     try:
-        table = create_pipeline(section["name"], _mapping(section.get("settings"))).options
+        return create_pipeline(section["name"], _mapping(section.get("settings"))).options
     except GtfTuneError as error:
-        return [error]
+        return error
+
+
+def _option_faults(data: Mapping[str, Any], table: OptionTable | GtfTuneError | None) -> list[GtfTuneError]:
+    if not isinstance(table, OptionTable):
+        return [] if table is None else [table]
+    section = _mapping(data.get("pipeline"))
     faults: list[GtfTuneError] = []
     nominal = _checked(section.get("nominal"), table, faults)
     _checked(section.get("options"), table, faults)
@@ -178,20 +187,15 @@ def _option_faults(data: Mapping[str, Any]) -> list[GtfTuneError]:
     return faults + space_faults(_sound_axes(data.get("space")), table, nominal)
 
 
-def _with_zeros(data: Mapping[str, Any]) -> Mapping[str, Any]:
-    section, space = _mapping(data.get("pipeline")), data.get("space")
-    axes = {name: axis for name, axis in _sound_axes(space).items() if isinstance(axis, RangeAxis) and axis.log}
-    if not axes or not isinstance(section.get("name"), str):
-        return data
-    try:
-        specs = create_pipeline(section["name"], _mapping(section.get("settings"))).options.specs
-    except GtfTuneError:
-        return data  # reported with the other faults
-    defaults = {name: spec.default for name, spec in specs.items()} | dict(_mapping(section.get("nominal")))
+def _with_zeros(data: Mapping[str, Any], table: OptionTable) -> Mapping[str, Any]:
+    space, nominal = data.get("space"), _mapping(_mapping(data.get("pipeline")).get("nominal"))
     lists = {
-        name: {"values": [0, *grid_values(specs[name], axis)]} for name, axis in axes.items() if defaults.get(name) == 0
+        name: {"values": [0, *grid_values(table.specs[name], axis)]}
+        for name, axis in _sound_axes(space).items()
+        if isinstance(axis, RangeAxis) and axis.log and name in table.specs
+        if nominal.get(name, table.specs[name].default) == 0
     }
-    return {**data, "space": {**_mapping(space), **lists}}
+    return {**data, "space": {**_mapping(space), **lists}} if lists else data
 
 
 def _checked(options: object, table: OptionTable, faults: list[GtfTuneError]) -> dict[str, OptionValue]:
