@@ -5,6 +5,7 @@ import shutil
 import signal
 import socket
 import tempfile
+import time
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -95,9 +96,23 @@ def pooled(server: RestartableServer) -> Iterator[int]:
     settings.chmod(0o644)
     _run_as_postgres([program, "-d", str(settings)])
     try:
+        _wait_until_it_listens(port, server.folder / "pgbouncer.log")
         yield port
     finally:
         os.kill(int((server.folder / "pgbouncer.pid").read_text()), signal.SIGTERM)
+
+
+def _wait_until_it_listens(port: int, log: Path) -> None:
+    """Wait for a daemon: it leaves the terminal before it opens its port and writes its number."""
+    end = time.monotonic() + 30
+    while True:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1).close()
+            return
+        except OSError:
+            if time.monotonic() > end:
+                raise AssertionError(f"PgBouncer does not listen:\n{log.read_text()}") from None
+            time.sleep(0.05)
 
 
 def _free_port() -> int:
