@@ -113,7 +113,7 @@ def create_study(
     if trials is not None:
         plan.data["search"]["trials"] = trials
     with quiet_optuna():
-        definition = creation.checked_definition(plan.data, f"study '{name}'")
+        definition = creation.checked_definition(plan.data, f"study '{name}'", root=Path.cwd())
         database = create_database(storage_or_default(storage))
         creation.create_study(database, definition, Path.cwd(), plan.pipeline)
     return Study(database, name, Access(plan.pipeline))

@@ -62,6 +62,7 @@ def _pipeline(definition: str, settings: dict[str, Any]) -> tuple["Pipeline", di
     """Return a registered pipeline, or that of a definition of a command or study, and the options of the study."""
     from gtf_tune.definition import read_toml
     from gtf_tune.pipelines import create_pipeline
+    from gtf_tune.pipelines.command.places import rooted
 
     if not definition.endswith(".toml"):
         return create_pipeline(definition, settings), {}
@@ -69,7 +70,8 @@ def _pipeline(definition: str, settings: dict[str, Any]) -> tuple["Pipeline", di
     section = read_toml(path, "a definition of a program or of a study").get("pipeline")
     if isinstance(section, dict):
         own = {**section.get("nominal", {}), **section.get("options", {})}
-        return create_pipeline(str(section.get("name", "")), {**section.get("settings", {}), **settings}), own
+        name, given = str(section.get("name", "")), {**section.get("settings", {}), **settings}
+        return create_pipeline(name, rooted(given, path.parent) if name == "command" else given), own
     return create_pipeline("command", {"definition": str(path), **settings}), {}
 
 

@@ -11,7 +11,7 @@ from gtf_tune.store import confirmations, ground_truth_errors, runs, studies, tr
 from gtf_tune.store.confirmations import Confirmation
 from gtf_tune.store.database import Database
 from gtf_tune.store.ground_truth_errors import Validation
-from gtf_tune.store.runs import StoredRun, TrialRun
+from gtf_tune.store.runs import MachineFault, StoredRun, TrialRun
 from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.outcome.evidence import doubts_of_detail, evidence_of
@@ -26,7 +26,7 @@ class StudyData:
 
     ``sequences`` are those that the search sees, ``holdouts`` the others. ``details`` and ``validations`` are by the
     number of the trial. ``runs`` are those of trials, ``confirmation_runs`` those of confirmations; both are empty
-    where nobody asked for them.
+    where nobody asked for them. ``machine_faults`` are what machines did to runs, which no trial counts.
     """
 
     study: Study
@@ -39,6 +39,7 @@ class StudyData:
     confirmations: tuple[Confirmation, ...] = ()
     runs: tuple[TrialRun, ...] = field(default=(), repr=False)
     confirmation_runs: tuple[StoredRun, ...] = field(default=(), repr=False)
+    machine_faults: tuple[MachineFault, ...] = ()
     storage: str = ""
 
     @property
@@ -87,7 +88,8 @@ def read_search(database: Database, name: str) -> StudyData:
         There is no such study.
     """
     study = studies.get(database, name)
-    return _with_trials(database, study, trials.of_study(database, study.id))
+    faults = tuple(runs.machine_faults(database, study.id))
+    return replace(_with_trials(database, study, trials.of_study(database, study.id)), machine_faults=faults)
 
 
 def read_trials(database: Database, name: str, numbers: Sequence[int]) -> StudyData:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import Text, case, func, insert, select, type_coerce
+from sqlalchemy import ColumnElement, Text, case, func, insert, select, type_coerce
 from sqlalchemy.orm import Session
 
 from gtf_tune.errors import StorageError, TrajectoryError
@@ -228,15 +228,26 @@ class MachineFault:
     runs: int
     last_at: float
 
+    @property
+    def text(self) -> str:
+        """The fault in words."""
+        counted = "1 run" if self.runs == 1 else f"{self.runs} runs"
+        return f"{counted} failed because of {self.host}, not of the configuration: {self.reason}"
+
+
+def of_machine() -> ColumnElement[bool]:
+    """Return the condition that a run failed because of a machine."""
+    noted = type_coerce(models.Run.diagnostics, Text).contains('"failure":"machine"', autoescape=True)
+    return (models.Run.status == "failed") & noted
+
 
 def machine_faults(database: Database, study_id: int) -> list[MachineFault]:
     """Return what machines did to runs on the images of a study, the latest first; no trial refers to such runs."""
     run, images = models.Run, select(models.Sequence.fingerprint).where(models.Sequence.study_id == study_id)
-    noted = type_coerce(run.diagnostics, Text).contains('"failure":"machine"', autoescape=True)
     last = func.max(run.started_at)
     query = (
         select(run.host, run.error, func.count(run.id), last)
-        .where(run.status == "failed", run.sequence_fingerprint.in_(images), noted)
+        .where(of_machine(), run.sequence_fingerprint.in_(images))
         .group_by(run.host, run.error)
         .order_by(last.desc())
     )

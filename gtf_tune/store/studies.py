@@ -14,6 +14,7 @@ from gtf_tune.errors import DefinitionError, DeletedError, StorageError, did_you
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.session import columns_of, read, read_rows, write
 from gtf_tune.store.optuna.link import delete_linked
+from gtf_tune.store.runs import of_machine
 
 StudyState = Literal["open", "paused", "stopped", "done", "copying"]
 """Workers finish the trials of a paused study, and give back those of a stopped one; ``copying`` is a copy that is not
@@ -314,26 +315,31 @@ NOISE_RUNS_KEY = "noise_runs"
 """Where ``resolved`` of a study keeps the keys of the runs by which its noise was measured: no trial has them."""
 
 
-def resolve_noise(
-    database: Database, study_id: int, sigmas: Mapping[str, float], run_keys: Iterable[str] = ()
-) -> dict[str, float]:
-    """Store the noise of sequences that have none yet, and return that of all: the first to store one decides it.
+def note_noise_runs(database: Database, study_id: int, keys: Iterable[str]) -> None:
+    """Store the keys of runs by which the noise of a study is measured, before they begin: they go with the study."""
 
-    ``run_keys`` are those of the runs by which it was measured.
-    """
+    def work(session: Session) -> None:
+        row = locked(session, study_id)
+        known = {*row.resolved.get(NOISE_RUNS_KEY, ()), *keys}
+        row.resolved = {**row.resolved, NOISE_RUNS_KEY: sorted(known)}
+
+    write(database, work)
+
+
+def resolve_noise(database: Database, study_id: int, sigmas: Mapping[str, float]) -> dict[str, float]:
+    """Store the noise of sequences that have none yet, and return that of all: the first to store one decides it."""
 
     def work(session: Session) -> dict[str, float]:
         row = locked(session, study_id)
         found = {**sigmas, **row.resolved["noise_sigma"]}
-        keys = sorted({*row.resolved.get(NOISE_RUNS_KEY, ()), *run_keys})
-        row.resolved = {**row.resolved, "noise_sigma": found, **({NOISE_RUNS_KEY: keys} if keys else {})}
+        row.resolved = {**row.resolved, "noise_sigma": found}
         return found
 
     return write(database, work)
 
 
 def delete_study(database: Database, name: str) -> None:
-    """Delete a study, its Optuna study, its trials, and the runs that no other study uses.
+    """Delete a study, its Optuna study, its trials, and the runs that no other study uses, those that failed too.
 
     Optuna's part goes first, so that after an interruption the study is still there to be deleted again.
     """
@@ -349,11 +355,14 @@ def _delete(session: Session, study_id: int) -> None:
         (mine if owner == study_id else kept).update(definition.get("run_keys", ()))
     for owner, resolved in session.execute(select(models.Study.id, models.Study.resolved)):
         (mine if owner == study_id else kept).update(resolved.get(NOISE_RUNS_KEY, ()))
+    images = select(models.Sequence.fingerprint)
+    own, others = images.where(models.Sequence.study_id == study_id), images.where(models.Sequence.study_id != study_id)
+    spoiled = of_machine() & models.Run.sequence_fingerprint.in_(own) & models.Run.sequence_fingerprint.not_in(others)
     used = select(models.TrialRun.run_id).join(models.Trial, models.Trial.id == models.TrialRun.trial_id)
     here, elsewhere = used.where(models.Trial.study_id == study_id), used.where(models.Trial.study_id != study_id)
     for statement in (
         delete(models.Run).where(
-            or_(models.Run.id.in_(here), models.Run.key.in_(mine - kept)),
+            or_(models.Run.id.in_(here), models.Run.key.in_(mine - kept), spoiled),
             models.Run.id.not_in(elsewhere),
         ),
         delete(models.Study).where(models.Study.id == study_id),

@@ -22,6 +22,7 @@ from gtf_tune.definition import (
 )
 from gtf_tune.errors import DefinitionError, GtfTuneError, OptunaStudyError, SequenceError, first_remedy, numbered
 from gtf_tune.pipelines import OptionTable, OptionValue, Pipeline, create_pipeline
+from gtf_tune.pipelines.command.places import rooted
 from gtf_tune.sequence import Sequence, say_notes
 from gtf_tune.store import enqueued, studies
 from gtf_tune.store.database import Database
@@ -38,13 +39,14 @@ METRIC_NAME = "GTF ATE"
 
 
 def checked_definition(
-    data: Mapping[str, Any], source: str, hints: Mapping[str, str] = MappingProxyType({})
+    data: Mapping[str, Any], source: str, hints: Mapping[str, str] = MappingProxyType({}), root: Path | None = None
 ) -> StudyDefinition:
     """Return a definition whose options and axes suit its pipeline.
 
     A range in logarithms cannot hold 0: where that is nominal, the range becomes the list of 0 and of its points.
 
-    ``hints`` say, by the name of a section, how to give it where it is missing.
+    ``hints`` say, by the name of a section, how to give it where it is missing. ``root`` is the folder that relative
+    paths in the settings of a command start from, wherever the study is worked on later.
 
     Raises
     ------
@@ -52,6 +54,8 @@ def checked_definition(
         Something is wrong; the message names every fault, of the structure of the file and of the options in it.
     """
     refuse_unbounded(data, source)
+    if root is not None:
+        data = _rooted(data, root)
     table = _option_table(data)
     if isinstance(table, OptionTable):
         data = _with_zeros(data, table)
@@ -64,6 +68,14 @@ def checked_definition(
     if excesses := bound_faults(definition):
         raise DefinitionError(f"{source}: {numbered(excesses)}")
     return definition
+
+
+def _rooted(data: Mapping[str, Any], root: Path) -> Mapping[str, Any]:
+    section = _mapping(data.get("pipeline"))
+    settings = section.get("settings", {})
+    if section.get("name") != "command" or not isinstance(settings, Mapping):
+        return data
+    return {**data, "pipeline": {**section, "settings": dict(rooted(settings, root))}}
 
 
 def create_study(

@@ -96,11 +96,18 @@ def _prepare(plan: WorkerPlan, site: str) -> None:
     """Let this process find the counted pipeline, and leave what it is killed over in the test's own folder."""
     sys.path.insert(0, site)
     os.environ.update({counted.LOG_VARIABLE: str(plan.log), counted.PAUSE_VARIABLE: str(plan.pause_s)})
+    os.environ[counted.CLOCK_VARIABLE] = str(clock_beside(plan.log))
+    counted.follow_clock()
     tempfile.tempdir = str(plan.log.parent)
     # Its children would import pytest first: a third of what it takes to start one.
     main = sys.modules["__main__"]
     main.__spec__ = None
     vars(main).pop("__file__", None)
+
+
+def clock_beside(log: Path) -> Path:
+    """Return the file that says by how many seconds the clock of a study's workers is wrong."""
+    return log.with_name("clock")
 
 
 def enter_network(namespace: str) -> None:

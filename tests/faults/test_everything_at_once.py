@@ -17,7 +17,7 @@ from sqlalchemy import create_engine, text
 
 from tests.faults.conftest import Disturb
 from tests.faults.disks import SmallDisk
-from tests.faults.disturbance import Disturbed, is_running, wait_until
+from tests.faults.disturbance import Disturbed, clock_beside, is_running, wait_until
 from tests.faults.servers import RestartableServer
 from tests.faults.test_databases import DROP
 from tests.faults.test_storms import middling_disk as middling_disk
@@ -58,7 +58,7 @@ class Storm:
 
     def strike(self) -> None:
         """Let one fault happen, and pass."""
-        faults = (self.kill, self.freeze, self.freeze, self.jump, self.fill, self.drop, self.restart)
+        faults = (self.kill, self.freeze, self.freeze, self.step, self.jump, self.fill, self.drop, self.restart)
         fault = self.chance.choice(faults)
         self.faults[fault.__name__] += 1
         fault()
@@ -76,6 +76,13 @@ class Storm:
         self._signal(family, signal.SIGSTOP)
         time.sleep(self.chance.choice([0.5, 3.0, 1.5 * GRACE_S]))
         self._signal(family, signal.SIGCONT)
+
+    def step(self) -> None:
+        """Set the clock of workers and runs forward or back, as a time server or an administrator does."""
+        clock = clock_beside(self.study.log)
+        aside = clock.with_suffix(".new")
+        aside.write_text(str(self.chance.choice([900.0, -900.0, 86_400.0, -7.0e8, 0.0])))
+        aside.replace(clock)  # at once: others read it all the time
 
     def jump(self) -> None:
         """Let the database's clock seem to have jumped."""

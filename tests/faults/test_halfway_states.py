@@ -10,10 +10,13 @@ from gtf_tune.execution import InlineExecutor, RunLimits
 from gtf_tune.store import confirmations, runs, studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.maintenance.check import check
+from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.events import Event, NoiseStarted
 from gtf_tune.study.open_study import OpenStudy, open_study
 from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
 from gtf_tune.study.runs.run_source import RunSource
-from gtf_tune.study.runs.stop import StopRequest
+from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
+from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of
 from tests.study.conftest import database as database
 from tests.study.conftest import room as room
@@ -65,14 +68,32 @@ def test_the_runs_by_which_a_noise_was_chosen_go_with_the_last_study_that_used_t
     run_study(definition_of(room, **AUTO))
     keys = studies.get(database, "small").resolved["noise_runs"]
     run_study({**definition_of(room, **AUTO), "name": "other"})
-    assert len(runs.find(database, keys)) == len(keys) > 6
+    stored = runs.find(database, keys)
+    assert len(stored) > 6
     assert check(database).notes == ()
 
     studies.delete_study(database, "small")
-    assert len(runs.find(database, keys)) == len(keys)
+    assert len(runs.find(database, keys)) == len(stored)
     studies.delete_study(database, "other")
 
     assert runs.find(database, keys) == {}
+    assert check(database).runs == 0
+
+
+def test_the_runs_of_an_interrupted_choice_of_the_noise_go_with_their_study(room: Path, database: Database) -> None:
+    create_study(database, checked_definition(definition_of(room, **AUTO), "test"), room)
+    stop, levels = StopRequest(), []
+
+    def interrupt(event: Event) -> None:
+        if isinstance(event, NoiseStarted):
+            levels.append(event.sigma)
+            if len(levels) == 3:
+                stop.ask(FINISH_RUNS)
+
+    StudyWorker(open_study(database, "small"), InlineExecutor(), stop, [interrupt]).work()
+    assert check(database).runs > 6
+    studies.delete_study(database, "small")
+
     assert check(database).runs == 0
 
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from gtf_tune.errors import DefinitionError, OptionError, RunError
 from gtf_tune.pipelines.command import create
 from gtf_tune.pipelines.command.camera import opencv_camera
+from gtf_tune.pipelines.command.places import rooted
 from gtf_tune.pipelines.command.templates import fields_of, filled, filled_arguments
 from gtf_tune.sequence import Camera
 
@@ -303,3 +304,52 @@ def test_cameras_are_given_in_opencvs_convention(
 
 def test_other_camera_models_have_no_opencv_numbers() -> None:
     assert opencv_camera(Camera("FOV", 64, 48, (50.0, 50.0, 32.0, 24.0, 0.9))) == {}
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> tuple[Path, Path]:
+    """Return a folder with a program and what it reads, and the definition's folder beside it."""
+    system, study = tmp_path / "system", tmp_path / "study"
+    for folder in (system, study):
+        folder.mkdir()
+    (system / "solver").write_text("#!/bin/sh\nexit 0\n")
+    (system / "solver").chmod(0o755)
+    (system / "base.yaml").write_text("a: 1\n")
+    (system / "program.toml").write_text(
+        'arguments = ["./solver", "{words}", "{settings_file}", "{output}"]\noutput = {association = "index"}\n'
+        'settings_files = [{template = "base.yaml"}]\noptions = {x = {default = 2, key = "a"}}\n'
+        'parameters = {words = {kind = "file"}}\n'
+    )
+    (study / "words.txt").write_text("some\n")
+    return system, study
+
+
+def test_relative_paths_start_from_the_study_and_from_the_definition_wherever_it_is_worked_on(
+    folders: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    system, study = folders
+    settings = {"definition": "../system/program.toml", "words": "words.txt"}
+    found = []
+
+    for current in (study, system, tmp_path):
+        monkeypatch.chdir(current)
+        found.append(create(rooted(settings, study)))
+    monkeypatch.chdir(study)
+    as_before = create(settings)
+
+    command = found[0].command
+    assert command.parameters["words"] == study / "words.txt"
+    assert command.definition.arguments[0] == str(study / ".." / "system" / "solver")
+    assert command.definition.options["x"].default == 1
+    assert {one.settings["identity"] for one in found} == {as_before.settings["identity"]}
+    assert {one.settings["source"] for one in found} == {"../system/program.toml"}
+
+
+def test_relative_settings_identify_what_they_did_before_they_could_start_from_a_folder(
+    folders: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folders[0])
+
+    pipeline = create({"arguments": ["./solver", "{output}"], "output": {"association": "index"}})
+
+    assert pipeline.settings["identity"] == "eb0d13695cef74d959c7d3e3c84b735cb97e315da7c2095618f7e0ed48bdbcc9"

@@ -14,6 +14,8 @@ from gtf_tune.errors import MachineError, SequenceError
 from gtf_tune.execution import InlineExecutor, RunLimits
 from gtf_tune.pipelines import RunOutcome, create_pipeline
 from gtf_tune.pipelines.run import RunRequest
+from gtf_tune.report.dashboard.notes import study_note
+from gtf_tune.report.study_data import read_search
 from gtf_tune.sequence import load_sequence
 from gtf_tune.store import runs, studies
 from gtf_tune.store.database import Database, models
@@ -112,6 +114,10 @@ def test_a_fault_of_the_machine_is_stored_and_ends_the_work_but_is_never_reused(
     assert studies.get(database, "small").state == "done"
     (summary,) = studies.summaries(database)
     assert (summary.complete, summary.infeasible) == (3, 0)
+    said = f"1 run failed because of {fault.host}, not of the configuration: the disk is full"
+    assert said in study_note(read_search(database, "small")).replace("\\", "")
+    studies.delete_study(database, "small")
+    assert read_rows(database, select(models.Run.id)) == []
 
 
 def test_pixels_that_change_while_a_study_is_open_end_its_work(database: Database, room: Path) -> None:

@@ -103,7 +103,7 @@ def create(
     _put(data, "gtf", noise_sigma=None if noise_sigma is None else parse_value(noise_sigma))
     _put(data, "side_metric", **parse_pairs(side, "--side"))
     _put(data, "search", sampler=sampler, trials=trials, seed=seed)
-    definition = checked_definition(data, source, {} if _is_file(source) else _FLAGS)
+    definition = checked_definition(data, source, {} if _is_file(source) else _FLAGS, root)
     database = create_storage(storage)
     study = create_study(database, definition, root, on_note=say)
     say(f"created study '{study.name}'")

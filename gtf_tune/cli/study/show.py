@@ -57,7 +57,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     if len(chosen) < count:
         say(f"{count - len(chosen)} more trials with --all")
     for fault in runs.machine_faults(database, study.id)[:_SHOWN_FAULTS]:
-        say(f"note: {fault.runs} runs failed because of {fault.host}, not of their configurations: {fault.reason}")
+        say(f"note: {fault.text}")
     warn_of_lost_frames(database, study.id)
     suggest_after_show(database, study, found)
 

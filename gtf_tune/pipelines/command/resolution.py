@@ -12,6 +12,7 @@ from gtf_tune.input_files import parse_toml, read_input_text
 from gtf_tune.pipelines.command.checks import read_command
 from gtf_tune.pipelines.command.definition import CommandDefinition, ParameterDefinition, words_of
 from gtf_tune.pipelines.command.file_defaults import with_file_defaults
+from gtf_tune.pipelines.command.places import RELATIVE_TO, Places, places_of
 from gtf_tune.pipelines.command.preset_files import load_preset, preset_names
 from gtf_tune.pipelines.command.programs import program_faults, program_version
 from gtf_tune.pipelines.command.templates import Value
@@ -47,37 +48,48 @@ class ResolvedCommand:
 def resolve(settings: Mapping[str, object]) -> ResolvedCommand:
     """Return what settings stand for: a preset or a definition file with parameters, or a whole definition.
 
+    Relative paths are looked for in the folder of ``relative_to``, in that of the definition file and in the current
+    one. The identity has them as they are written, so that it does not depend on where they were looked for.
+
     Raises
     ------
     DefinitionError
         Something is unknown, missing, contradictory or not on this machine; every fault is named.
     """
-    source, base = _base(settings)
-    own = {name: value for name, value in settings.items() if name not in ("preset", "definition")}
+    file = _definition_file(settings)
+    source, base = _base(settings, file)
+    own = {name: value for name, value in settings.items() if name not in ("preset", "definition", RELATIVE_TO)}
     data, given = _merged(base, own)
-    definition, faults = read_command(data)
+    written, faults = read_command(data)
+    places = places_of(settings, file)
+    definition = places.located(written)
     parameters: dict[str, Value] = {}
     if not faults or definition != CommandDefinition():
         faults += _unknown(definition, given)
-        parameters, parameter_faults = _parameters(definition, given)
+        parameters, parameter_faults = _parameters(definition, given, places)
         faults += parameter_faults
     if not faults:
         definition, faults = with_file_defaults(definition, parameters)
         faults += program_faults(definition, parameters)
     if faults:
         raise DefinitionError(f"pipeline 'command' ({source}): {numbered(faults)}")
-    identity = digest(_identity(definition, parameters))
+    identity = digest(_identity(written.model_copy(update={"options": definition.options}), definition, parameters))
     return ResolvedCommand(source, definition, parameters, identity, program_version(definition, parameters))
 
 
-def _base(settings: Mapping[str, object]) -> tuple[str, dict[str, Any]]:
+def _definition_file(settings: Mapping[str, object]) -> Path | None:
+    path = settings.get("definition")
+    return None if path is None else places_of(settings).find(str(path))
+
+
+def _base(settings: Mapping[str, object], file: Path | None) -> tuple[str, dict[str, Any]]:
     preset, path = settings.get("preset"), settings.get("definition")
     if preset is not None and path is not None:
         raise DefinitionError("pipeline 'command': give either 'preset' or 'definition', not both")
     if preset is not None:
         return f"preset '{preset}'", load_preset(str(preset))
-    if path is not None:
-        return str(path), _read(Path(str(path)).expanduser())
+    if file is not None:
+        return str(path), _read(file)
     if not ("arguments" in settings or "steps" in settings):
         raise DefinitionError(
             "pipeline 'command' needs to know a program: give the setting 'preset' "
@@ -114,7 +126,9 @@ def _unknown(definition: CommandDefinition, given: Mapping[str, object]) -> Iter
             yield f"unknown setting '{name}'; {hint}"
 
 
-def _parameters(definition: CommandDefinition, given: Mapping[str, object]) -> tuple[dict[str, Value], list[str]]:
+def _parameters(
+    definition: CommandDefinition, given: Mapping[str, object], places: Places
+) -> tuple[dict[str, Value], list[str]]:
     """Return the value of each parameter that has one, and the faults."""
     values: dict[str, Value] = {}
     faults = []
@@ -124,13 +138,13 @@ def _parameters(definition: CommandDefinition, given: Mapping[str, object]) -> t
             faults.append(f"the {parameter.kind} '{name}' is missing: {parameter.documentation or 'give it'}")
         elif value != "":
             try:
-                values[name] = _parameter(name, parameter, value)
+                values[name] = _parameter(name, parameter, value, places)
             except DefinitionError as error:
                 faults.append(str(error))
     return values, faults
 
 
-def _parameter(name: str, parameter: ParameterDefinition, value: object) -> Value:
+def _parameter(name: str, parameter: ParameterDefinition, value: object, places: Places) -> Value:
     if parameter.kind == "arguments":
         if isinstance(value, list | tuple) and all(isinstance(word, str) for word in value):
             return tuple(value)
@@ -142,32 +156,36 @@ def _parameter(name: str, parameter: ParameterDefinition, value: object) -> Valu
     if parameter.kind == "text":
         return option_text(value)
     if parameter.kind == "executable":
-        return _executable(name, str(value))
-    path = Path(str(value)).expanduser().absolute()
+        return _executable(name, str(value), places)
+    path = places.find(str(value))
     if path.is_file() if parameter.kind == "file" else path.is_dir():
         return path
     raise DefinitionError(f"'{name}': there is no {parameter.kind} {path}")
 
 
-def _executable(name: str, value: str) -> Path:
-    found = shutil.which(os.path.expanduser(value))
+def _executable(name: str, value: str, places: Places) -> Path:
+    found = shutil.which(places.find(value) if os.path.dirname(value) else value)
     if found is None:
         raise DefinitionError(f"'{name}': there is no program '{value}' that can be run; install it or give its path")
     return Path(found).absolute()
 
 
-def _identity(definition: CommandDefinition, parameters: Mapping[str, Value]) -> dict[str, object]:
+def _identity(
+    written: CommandDefinition, definition: CommandDefinition, parameters: Mapping[str, Value]
+) -> dict[str, object]:
+    """Return what results depend on: the definition as it is ``written``, and the files that it names."""
     by_kind = {name: parameter.kind for name, parameter in definition.parameters.items()}
     values = {
         name: file_digest(Path(str(value))) if by_kind[name] == "file" else str(value)
         for name, value in parameters.items()
         if by_kind[name] not in ("executable", "folder")
     }
-    words = [word for step in definition.all_steps for word in words_of(step.arguments)]
+    programs = [next(words_of(step.arguments)) for step in written.all_steps]  # a relative one is part of the version
+    words = [word for step in definition.all_steps for word in list(words_of(step.arguments))[1:]] + programs
     words += [file.link for file in definition.files]
     words += [str(Path(file.template).absolute()) for file in definition.settings_files]
     files = {word: file_digest(Path(word)) for word in words if Path(word).is_absolute() and Path(word).is_file()}
-    dumped = definition.model_dump(mode="json", exclude=_NOT_RESULTS)
-    if definition.output.duplicates == "error":  # keys of stored runs are older than this field
+    dumped = written.model_dump(mode="json", exclude=_NOT_RESULTS)
+    if written.output.duplicates == "error":  # keys of stored runs are older than this field
         del dumped["output"]["duplicates"]
     return {"definition": dumped, "values": values, "files": files}

@@ -63,12 +63,14 @@ def _row(cells: Sequence[str]) -> str:
 KEPT_BELOW = "*gtf-tune keeps everything above this line up to date; what you write below it is kept.*"
 
 _LONGEST_REASON = 300
+_FAULTS = 3
 
 
 def study_note(data: StudyData, before: str = "") -> str:
     """Return the note of a study; what a user wrote below the line of the note ``before`` stays."""
     facts = verdict_facts(data)
-    sentences = [f"- {plain(sentence)}" for sentence in verdict_sentences(data, facts)]
+    said = [*verdict_sentences(data, facts), *(fault.text[:_LONGEST_REASON] for fault in data.machine_faults[:_FAULTS])]
+    sentences = [f"- {plain(sentence)}" for sentence in said]
     parts = [
         f"# {plain(facts.recommendation.headline)}",
         "\n".join(sentences),

@@ -71,17 +71,19 @@ def trial_faults(data: StudyData) -> tuple[TrialFault, ...]:
 
 
 def failures_panel(report: ReportInput) -> list[Block]:
-    """Return the reasons of failed runs with an excerpt of a log each, and why trials have no value."""
+    """Return what machines did, why runs failed, with an excerpt of a log each, and why trials have no value."""
     failures, faults = run_failures(report.data), trial_faults(report.data)
+    machines = [markup.paragraph(fault.text) for fault in report.data.machine_faults]
     if not failures and not faults:
-        return [markup.missing("Nothing failed: every run ended with a trajectory, and every trial is feasible.")]
+        nothing = "Nothing failed: every run ended with a trajectory, and every trial is feasible."
+        return [*machines, markup.missing(nothing)]
     blocks: list[Block] = [_failure(failure, report) for failure in failures]
     if not failures:
         blocks.append(markup.missing("No run failed."))
     if faults:
         rows = [(fault.what, fault.reason, fault.count, _trial_list(fault.numbers)) for fault in faults]
         blocks.append(markup.table(["what", "reason", ">count", "trials"], rows))
-    return blocks
+    return [*machines, *blocks]
 
 
 def _fault(what: str, reason: str, numbers: list[int]) -> TrialFault:

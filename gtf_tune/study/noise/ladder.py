@@ -14,10 +14,16 @@ from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
 from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.store import studies
-from gtf_tune.study.events import Event, NoiseChosen, NoiseStarted, RunFinished
+from gtf_tune.study.events import NoiseChosen, NoiseStarted
 from gtf_tune.study.open_study import OpenStudy
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
-from gtf_tune.study.runs.run_source import RunSource, SequenceRuns, finished_by_sequence, sequence_runs
+from gtf_tune.study.runs.run_source import (
+    RunSource,
+    SequenceRuns,
+    failed_key,
+    finished_by_sequence,
+    sequence_runs,
+)
 from gtf_tune.study.scoring.objective import settings_of
 from gtf_tune.trajectory import FloatArray
 from gtf_tune.trajectory.alignment import MIN_MATCHED
@@ -353,14 +359,13 @@ def with_noise(study: OpenStudy, sequences: Mapping[str, ImageSequence], source:
     nominal = {**definition.fixed_options, **study.space.nominal}
     probe = NoiseProbe(study.pipeline, nominal, definition.gtf, definition.search.seed, whole=False)
     measured = {}
-    keys: list[str] = []
 
-    def note(event: Event) -> None:
-        if isinstance(event, RunFinished):
-            keys.append(event.run.stored.key)
-        source.on_event(event)
+    def obtain(requests: Sequence[RunRequest]) -> SequenceRuns:
+        keys = [key for request in requests for key in (request.key, failed_key(request, source.limits))]
+        studies.note_noise_runs(study.database, study.record.id, keys)
+        return stored_runs(source)(requests)
 
     for name, sequence in missing.items():
-        measured[name], reason = probe.choose(sequence, stored_runs(replace(source, on_event=note)))
+        measured[name], reason = probe.choose(sequence, obtain)
         source.on_event(NoiseChosen(name, measured[name], reason))
-    return replace(study, sigmas=studies.resolve_noise(study.database, study.record.id, measured, keys))
+    return replace(study, sigmas=studies.resolve_noise(study.database, study.record.id, measured))

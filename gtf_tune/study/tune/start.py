@@ -188,6 +188,7 @@ def _definition(
             "gtf": {**runs, **given.get("gtf", {})},
         },
         str(request.source),
+        root=request.source.absolute().parent,
     )
 
 
