@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from gtf_tune.api.comparison import compare
     from gtf_tune.api.studies import create_study, evaluate, open_study, tune
     from gtf_tune.api.study import Study
     from gtf_tune.api.trajectories import gtf_ate, load_trajectories
@@ -20,6 +21,7 @@ __all__ = [
     "Study",
     "Trajectory",
     "__version__",
+    "compare",
     "create_study",
     "evaluate",
     "gtf_ate",
@@ -34,6 +36,7 @@ _MODULES = MappingProxyType(
         "Study": "gtf_tune.api.study",
         "Trajectory": "gtf_tune.trajectory.value",
         "__version__": "gtf_tune.version",
+        "compare": "gtf_tune.api.comparison",
         "create_study": "gtf_tune.api.studies",
         "evaluate": "gtf_tune.api.studies",
         "gtf_ate": "gtf_tune.api.trajectories",

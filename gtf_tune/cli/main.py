@@ -227,12 +227,22 @@ COMMANDS = {
     "evaluate": Entry(
         "Studies",
         "Print the GTF ATE of one configuration on one sequence; nothing is stored unless a storage is given.",
-        "evaluate:evaluate",
+        "measure.evaluate:evaluate",
+    ),
+    "compare": Entry(
+        "Studies",
+        "Compare systems on one sequence under the same noise: score, interval, registered frames, time.",
+        "measure.compare:compare",
+    ),
+    "check": Entry(
+        "Studies",
+        "Say whether options that were tuned elsewhere hold on these images, with as few runs as that takes.",
+        "measure.check:check",
     ),
     "noise": Entry(
         "Studies",
         "Measure how the score grows with the noise, and recommend a noise in the linear range; nothing is stored.",
-        "noise:noise",
+        "measure.noise:noise",
     ),
     "pipeline": Entry("Inputs", "List pipelines and their tunable options.", commands=_PIPELINE),
     "sequence": Entry("Inputs", "Check data sets, take frames from videos, render a scene.", commands=_SEQUENCE),

@@ -3,7 +3,7 @@
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,7 +14,6 @@ from gtf_tune.cli.values import parse_pairs
 from gtf_tune.errors import DefinitionError, RunError
 
 if TYPE_CHECKING:
-    from gtf_tune.pipelines import Pipeline
     from gtf_tune.pipelines.run import RunOutcome
     from gtf_tune.sequence import Sequence
 
@@ -44,8 +43,9 @@ def try_pipeline(
     from gtf_tune.execution import RunLimits
     from gtf_tune.execution.watched import run_watched
     from gtf_tune.pipelines.run import RunRequest
+    from gtf_tune.study.systems import named_pipeline
 
-    pipeline, own = _pipeline(definition, parse_pairs(setting, "--setting"))
+    pipeline, own = named_pipeline(definition, parse_pairs(setting, "--setting"))
     options = pipeline.options.check({**own, **parse_pairs(option, "--option")})
     loaded = load_as_asked(sequence, parse_selection(frames, exclude, recursive), camera)
     folder = _new_folder(keep)
@@ -56,23 +56,6 @@ def try_pipeline(
     write_pairs(_facts(outcome, loaded) | {"files": str(folder)})
     if outcome.status != "ok":
         raise RunError(f"{outcome.error}; its files are in {folder}")
-
-
-def _pipeline(definition: str, settings: dict[str, Any]) -> tuple["Pipeline", dict[str, Any]]:
-    """Return a registered pipeline, or that of a definition of a command or study, and the options of the study."""
-    from gtf_tune.definition import read_toml
-    from gtf_tune.pipelines import create_pipeline
-    from gtf_tune.pipelines.command.places import rooted
-
-    if not definition.endswith(".toml"):
-        return create_pipeline(definition, settings), {}
-    path = Path(definition)
-    section = read_toml(path, "a definition of a program or of a study").get("pipeline")
-    if isinstance(section, dict):
-        own = {**section.get("nominal", {}), **section.get("options", {})}
-        name, given = str(section.get("name", "")), {**section.get("settings", {}), **settings}
-        return create_pipeline(name, rooted(given, path.parent) if name == "command" else given), own
-    return create_pipeline("command", {"definition": str(path), **settings}), {}
 
 
 def _new_folder(keep: Path | None) -> Path:

@@ -46,6 +46,9 @@ FRAMES_HZ = 2.0
 Minutes = Annotated[float, typer.Option("--minutes", "-m", min=0.1, max=1e6, help="Wall time for everything.")]
 Output = Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the outcome (default SOURCE-tuned).")]
 New = Annotated[bool, typer.Option("--new", help="Begin another study, even if one of the same images is under way.")]
+Like = Annotated[
+    str | None, typer.Option("--like", metavar="STUDY", help="Study whose adopted options are tried first.")
+]
 Tier = Annotated[
     int, typer.Option("--tier", min=1, max=3, help="How much a trial may repeat; see 'gtf-tune pipeline presets'.")
 ]
@@ -61,6 +64,7 @@ def tune(
     jobs: Jobs = None,
     output: Output = None,
     new: New = False,
+    like: Like = None,
     cache_dir: CacheDir = None,
     storage: Storage = DEFAULT_STORAGE,
 ) -> None:
@@ -79,10 +83,14 @@ def tune(
     if source.suffix.lower() in VIDEOS:
         source = _frames_of(source)
         setting = [*(["pairing=sequential"] if makes_models(pipeline or "glomap") else []), *(setting or [])]
-    request = _request(source, minutes, jobs or default_jobs(), tier, _sections(source, pipeline, setting, range_))
+    database, sections = create_storage(storage), _sections(source, pipeline, setting, range_)
+    request = _request(source, minutes, jobs or default_jobs(), tier, sections)
+    if like is not None:
+        from gtf_tune.study.check_options import tuned_like
+
+        request = tuned_like(database, like, request)
     folder = output or given.absolute().with_name(f"{given.stem}-tuned")
     check_output(folder)
-    database = create_storage(storage)
     tuning = _begin(database, request, cache_dir, new=new)
     _say_plan(tuning.plan)
     study = open_study(database, tuning.name)

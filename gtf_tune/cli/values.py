@@ -1,12 +1,11 @@
 """Read values and pairs from the command line."""
 
-from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gtf_tune.errors import DefinitionError
-from gtf_tune.input_files import parse_json, parse_toml, read_input_text
+from gtf_tune.input_files import parse_toml
 
 if TYPE_CHECKING:
     from gtf_tune.sequence.selection import Selection
@@ -69,26 +68,12 @@ def parse_options(texts: list[str] | None, flag: str) -> dict[str, Any]:
 
 
 def _options_of(path: Path, flag: str) -> dict[str, Any]:
-    """Return the options of a JSON file by their dotted paths; tables in tables are parts of a path."""
+    from gtf_tune.definition import read_options
+
     try:
-        found = parse_json(read_input_text(path))
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise DefinitionError(
-            f"{flag} takes OPTION=VALUE or a JSON file such as 'gtf-tune study export --format json' writes, and "
-            f"'{path}' is neither ({reason})"
-        ) from error
-    if not isinstance(found, dict):
-        raise DefinitionError(f"{flag} {path}: the file should hold an object of options, not {str(found)[:40]!r}")
-    return dict(_dotted(found))
-
-
-def _dotted(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in tree.items():
-        if isinstance(value, dict):
-            yield from _dotted(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
+        return read_options(path)
+    except DefinitionError as error:
+        raise DefinitionError(f"{flag} takes OPTION=VALUE or a JSON file of options; {error}") from error
 
 
 def parse_frames(texts: list[str] | None) -> "Selection":

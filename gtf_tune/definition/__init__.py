@@ -2,7 +2,7 @@
 
 from gtf_tune.definition.bounds import bound_faults, refuse_unbounded
 from gtf_tune.definition.gtf import GtfDefinition, NoisyRuns, SideMetricDefinition
-from gtf_tune.definition.loading import definition_from_dict, dump_definition, load_definition, read_toml
+from gtf_tune.definition.loading import definition_from_dict, dump_definition, load_definition, read_options, read_toml
 from gtf_tune.definition.model import (
     DEFAULT_TRIALS,
     Axis,
@@ -32,6 +32,7 @@ __all__ = [
     "definition_from_dict",
     "dump_definition",
     "load_definition",
+    "read_options",
     "read_toml",
     "refuse_unbounded",
 ]

@@ -1,7 +1,7 @@
 """Read study definitions; one message names every fault of a file."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from gtf_tune.definition.messages import fault_sentences
 from gtf_tune.definition.model import StudyDefinition
 from gtf_tune.errors import DefinitionError, numbered
-from gtf_tune.input_files import parse_toml, read_input_text
+from gtf_tune.input_files import parse_json, parse_toml, read_input_text
 
 _Section = TypeVar("_Section", bound=BaseModel)
 
@@ -27,6 +27,34 @@ def read_toml(path: Path, kind: str = "a study definition") -> dict[str, Any]:
         raise DefinitionError(f"{path}: cannot be read as text ({reason}); give {kind} (TOML)") from error
     except ValueError as error:
         raise DefinitionError(f"{path}: not valid TOML: {error}; correct that line") from error
+
+
+def read_options(path: Path) -> dict[str, Any]:
+    """Return the options of a JSON file by their dotted paths; tables in tables are parts of a path.
+
+    Raises
+    ------
+    DefinitionError
+        It cannot be read, or holds something else.
+    """
+    try:
+        found = parse_json(read_input_text(path))
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise DefinitionError(
+            f"'{path}' is no JSON file such as 'gtf-tune study export --format json' writes ({reason})"
+        ) from error
+    if not isinstance(found, dict):
+        raise DefinitionError(f"'{path}' should hold an object of options, not {str(found)[:40]!r}")
+    return dict(_dotted(found))
+
+
+def _dotted(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in tree.items():
+        if isinstance(value, dict):
+            yield from _dotted(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def load_definition(path: Path) -> StudyDefinition:

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gtf_tune.cli.measure.runs import say_event
 from gtf_tune.cli.parameters import (
     DEFAULT_STORAGE,
     CacheDir,
@@ -35,7 +36,6 @@ from gtf_tune.cli.terminal.console import (
 )
 
 if TYPE_CHECKING:
-    from gtf_tune.study.events import Event
     from gtf_tune.study.outcome.verdict import Candidate, SequenceComparison, Verdict
 
 Top = Annotated[int, typer.Option("--top", min=1, max=1000, help="How many of the best trials, besides nominal.")]
@@ -77,7 +77,7 @@ def confirm(
     say_what_is_ahead(study, plan.num_runs, jobs or default_jobs())
     stop = StopRequest()
     with signals_to(stop, say), make_executor(jobs or default_jobs(), cache_dir) as executor:
-        source = RunSource(database, executor, run_limits(study.definition.limits), stop, _say_event, study.nominal_run)
+        source = RunSource(database, executor, run_limits(study.definition.limits), stop, say_event, study.nominal_run)
         try:
             verdict = confirm_plan(study, plan, source)
         except Interrupted:
@@ -95,18 +95,6 @@ def confirm(
     _write(verdict, found.evidence.score)
     write_pairs({"verdict": found.text})
     suggest_step(found, database, study.record)
-
-
-def _say_event(event: "Event") -> None:
-    """Say on stderr which run has ended, and which noise is tried and chosen."""
-    from gtf_tune.study.events import NoiseChosen, NoiseStarted, RunFinished
-
-    match event:
-        case RunFinished(run):
-            note = run.stored.error or ("reused" if run.reused else f"{run.stored.wall_s:.1f} s")
-            say(f"{run.request.kind} run {run.request.index} on {run.request.sequence.name}: {note}")
-        case NoiseStarted() | NoiseChosen():
-            say(event.text)
 
 
 def _write(verdict: "Verdict", score: str) -> None:

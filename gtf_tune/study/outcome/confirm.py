@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import DefinitionError
 from gtf_tune.gtf import gtf_score
 from gtf_tune.pipelines import OptionValue
@@ -130,13 +131,14 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Verd
     """
     study = with_noise(study, plan.sequences, source)
     keys: list[str] = []
-    measured = []
+    found: list[Measured] = []
     for label, trial in (("", plan.nominal), *plan.compared) if plan.compared else ():
         finished = source.obtain(_requests(study, plan, trial.options or {}))
-        measured.append(replace(_measured(study, trial, finished), baseline=label))
+        of_trial = measured(trial.number, trial.options or {}, finished, study.definition.gtf)
+        found.append(replace(of_trial, baseline=label))
         keys += [run.stored.key for run in finished]
     holdouts = frozenset(plan.sequences) - frozenset(study.sequences)
-    findings = Findings(measured[0] if measured else None, tuple(measured[1:]), holdouts)
+    findings = Findings(found[0] if found else None, tuple(found[1:]), holdouts)
     verdict = replace(judge(findings, study.definition.gtf), noisy_runs=plan.noisy_runs)
     definition = {**_scope(study, plan), "purpose": plan.purpose, "run_keys": keys}
     stored = confirmations.add(study.database, study.record.id, definition, verdict.as_json(), verdict.word)
@@ -178,11 +180,12 @@ def _all_sequences(study: OpenStudy, places: Mapping[str, Path]) -> dict[str, Im
     return found
 
 
-def _measured(study: OpenStudy, trial: Trial, finished: list[FinishedRun]) -> Measured:
+def measured(
+    number: int, options: Mapping[str, OptionValue], finished: Sequence[FinishedRun], gtf: GtfDefinition
+) -> Measured:
     """Return the score of one configuration on every sequence, and its clean runs that worked."""
-    settings = settings_of(study.definition.gtf)
     scores = {
-        name: gtf_score(runs.clean, runs.noisy, settings, num_frames=runs.num_frames)
+        name: gtf_score(runs.clean, runs.noisy, settings_of(gtf), num_frames=runs.num_frames)
         for name, runs in finished_by_sequence(finished).items()
     }
     clean = {
@@ -193,7 +196,7 @@ def _measured(study: OpenStudy, trial: Trial, finished: list[FinishedRun]) -> Me
         )
         for name in scores
     }
-    return Measured(trial.number, trial.options or {}, scores, clean)
+    return Measured(number, options, scores, clean)
 
 
 def _clean_run(run: FinishedRun) -> CleanRun:

@@ -46,6 +46,10 @@ SIGNIFICANCE = 0.05
 LEAST_IMPROVEMENT = 0.02
 """Share of the nominal error below which an improvement is not worth a change, however certain it is."""
 
+NOT_BETTER = "not significantly better than nominal"
+TOO_LITTLE = f"better by less than {LEAST_IMPROVEMENT:.0%}, which is not worth a change"
+"""Reasons that more runs may remove; the others do not go away."""
+
 
 @dataclass(frozen=True, eq=False)
 class Measured:
@@ -87,18 +91,21 @@ class _Compared:
     holdouts: frozenset[str]
 
 
-def judge(findings: Findings, gtf: GtfDefinition) -> Verdict:
-    """Return the verdict, with each candidate's improvement, its interval, and what speaks against adopting it."""
+def judge(findings: Findings, gtf: GtfDefinition, significance: float = SIGNIFICANCE) -> Verdict:
+    """Return the verdict, with each candidate's improvement, its interval, and what speaks against adopting it.
+
+    ``significance`` is the p value below which a difference counts.
+    """
     nominal = findings.nominal
     if nominal is None:
         return Verdict(KEEP, None, (), None)
-    compared = [_compare(nominal, candidate, findings.holdouts, gtf) for candidate in findings.candidates]
+    compared = [_compare(nominal, candidate, findings.holdouts, gtf, significance) for candidate in findings.candidates]
     fails = _fails(nominal, findings.holdouts)
     searched = [name for name in nominal.scores if name not in findings.holdouts]
     doubts = () if fails else doubts_of_scores(nominal.scores, searched)
     adjusted = holm([1.0 if comparison.together is None else comparison.together.p_value for comparison in compared])
     candidates = tuple(
-        _candidate(comparison, [*doubts, *_reasons(comparison, float(p_value), nominal)], p_value)
+        _candidate(comparison, [*doubts, *_reasons(comparison, p_value < significance, nominal)], p_value)
         for comparison, p_value in zip(compared, adjusted, strict=True)
     )
     adopted = max(
@@ -126,7 +133,9 @@ def _working(measured: Measured) -> dict[str, int]:
     return {name: int((~np.isnan(score.matrix)).any(axis=0).sum()) for name, score in measured.scores.items()}
 
 
-def _compare(nominal: Measured, candidate: Measured, holdouts: frozenset[str], gtf: GtfDefinition) -> _Compared:
+def _compare(
+    nominal: Measured, candidate: Measured, holdouts: frozenset[str], gtf: GtfDefinition, significance: float
+) -> _Compared:
     searched = [name for name in nominal.scores if name not in holdouts]
     pairs = {name: (score, candidate.scores[name]) for name, score in nominal.scores.items()}
     by_sequence = {name: _difference([pair]) for name, pair in pairs.items()}
@@ -137,7 +146,8 @@ def _compare(nominal: Measured, candidate: Measured, holdouts: frozenset[str], g
     faults += [
         f"on {name} it {fault}" for name in nominal.scores for fault in _contradictions(name, nominal, candidate)
     ]
-    faults += [f"worse on {name}" for name, found in by_sequence.items() if found is not None and _is_worse(found)]
+    worse = [name for name, found in by_sequence.items() if found is not None and _is_worse(found, significance)]
+    faults += [f"worse on {name}" for name in worse]
     return _Compared(candidate, together, by_sequence, tuple(faults), holdouts)
 
 
@@ -153,8 +163,8 @@ def _difference(pairs: Sequence[tuple[GtfScore, GtfScore]]) -> PairedDifference 
         return None
 
 
-def _is_worse(found: PairedDifference) -> bool:
-    return found.ratio > 1 and found.p_value < SIGNIFICANCE
+def _is_worse(found: PairedDifference, significance: float) -> bool:
+    return found.ratio > 1 and found.p_value < significance
 
 
 def _faults(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinition) -> list[str]:
@@ -216,7 +226,7 @@ def _candidate(compared: _Compared, reasons: Sequence[str], adjusted: float) -> 
     )
 
 
-def _reasons(compared: _Compared, adjusted: float, nominal: Measured) -> list[str]:
+def _reasons(compared: _Compared, is_significant: bool, nominal: Measured) -> list[str]:
     """Return all that speaks against a candidate."""
     reasons = list(compared.faults)
     if compared.together is None and _fails(nominal, compared.holdouts):
@@ -225,10 +235,10 @@ def _reasons(compared: _Compared, adjusted: float, nominal: Measured) -> list[st
         reasons.append(f"cannot be compared with nominal, which worked in {of_all}")
     elif compared.together is None:
         reasons.append("cannot be compared with nominal: too few runs worked under both")
-    elif compared.together.ratio >= 1 or adjusted >= SIGNIFICANCE:
-        reasons.append("not significantly better than nominal")
+    elif compared.together.ratio >= 1 or not is_significant:
+        reasons.append(NOT_BETTER)
     elif compared.together.ratio > 1 - LEAST_IMPROVEMENT:
-        reasons.append(f"better by less than {LEAST_IMPROVEMENT:.0%}, which is not worth a change")
+        reasons.append(TOO_LITTLE)
     return reasons
 
 

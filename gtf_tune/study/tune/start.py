@@ -44,7 +44,8 @@ class TuneRequest:
     """What is to be tuned, and how long it may take.
 
     ``sections`` are parts of a study definition that are given by hand (``pipeline``, ``space``, ``sequences`` ...);
-    what they leave open comes from the preset of the pipeline. ``minutes`` is the whole wall time.
+    what they leave open comes from the preset of the pipeline. ``minutes`` is the whole wall time. ``start`` is a
+    configuration to try before all others.
     """
 
     source: Path
@@ -52,6 +53,7 @@ class TuneRequest:
     jobs: int
     tier: int = DEFAULT_TIER
     sections: Mapping[str, Any] = field(default_factory=dict)
+    start: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def pipeline(self) -> str:
@@ -61,7 +63,8 @@ class TuneRequest:
     @property
     def identity(self) -> dict[str, Any]:
         """What makes two requests the same study; the minutes are not part of it."""
-        parts = json.dumps([self.tier, self.sections], sort_keys=True, default=str)
+        given = [self.tier, self.sections, *([self.start] if self.start else [])]
+        parts = json.dumps(given, sort_keys=True, default=str)
         return {"source": str(self.source.absolute()), "request": hashlib.sha256(parts.encode()).hexdigest()}
 
 
@@ -176,6 +179,9 @@ def _definition(
     given = request.sections
     space = {**_preset_axes(request), **given.get("space", {})}
     sequences = given.get("sequences") or [{"name": name_from(request.source.stem), "path": request.source.name}]
+    search = {**preset_search(request.pipeline, space, given.get("pipeline", {})), **given.get("search", {})}
+    if request.start:
+        search["first"] = [dict(request.start), *search.get("first", [])]
     runs = {"clean_runs": CLEAN_RUNS, "noisy_runs": NOISY_RUNS, "noise_sigma": NOISE_SIGMA}
     return checked_definition(
         {
@@ -184,7 +190,7 @@ def _definition(
             "pipeline": {"name": request.pipeline, **given.get("pipeline", {})},
             "sequences": [{**sequence, **selection} for sequence in sequences],
             "space": space,
-            "search": {**preset_search(request.pipeline, space, given.get("pipeline", {})), **given.get("search", {})},
+            "search": search,
             "gtf": {**runs, **given.get("gtf", {})},
         },
         str(request.source),

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gtf_tune.cli.measure.runs import Aggregate, CleanRuns, NoiseSigma, Seed, score_definition
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Nominal, Settings
 from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
 from gtf_tune.cli.study.true_errors import Side
@@ -26,14 +27,12 @@ def evaluate(
     exclude: Exclude = None,
     recursive: Recursive = False,
     camera: CameraFlag = None,
-    clean_runs: Annotated[int, typer.Option("--clean-runs", "-k", min=1, max=1000, help="k.")] = 2,
+    clean_runs: CleanRuns = 2,
     noisy_runs: Annotated[int, typer.Option("--noisy-runs", "-K", min=1, max=1000, help="k_delta.")] = 6,
-    noise_sigma: Annotated[
-        str, typer.Option("--noise-sigma", help="Noise in grey levels (0..255), or auto, as studies choose it.")
-    ] = "auto",
-    aggregate: Annotated[str, typer.Option("--aggregate", help="mean, median, gmean or trimmed.")] = "median",
+    noise_sigma: NoiseSigma = "auto",
+    aggregate: Aggregate = "median",
     side: Side = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Seed of noise and runs.")] = 0,
+    seed: Seed = 0,
     jobs: Jobs = None,
     cache_dir: CacheDir = None,
     no_cache: NoCache = False,
@@ -49,24 +48,15 @@ def evaluate(
     Example: gtf-tune evaluate images/ -o mapper.max_normalized_reproj_error=1e-3
     """
     from gtf_tune.cli.parameters import create_storage, default_jobs, make_executor
-    from gtf_tune.cli.values import parse_options, parse_pairs, parse_value
-    from gtf_tune.definition import GtfDefinition, SideMetricDefinition
+    from gtf_tune.cli.values import parse_options, parse_pairs
+    from gtf_tune.definition import SideMetricDefinition
     from gtf_tune.definition.loading import section_from_dict
     from gtf_tune.display import sequence_unit
     from gtf_tune.pipelines import create_pipeline, with_focal_prior
     from gtf_tune.sequence import FEWEST_FRAMES, say_notes
     from gtf_tune.study.evaluate import Configuration, evaluate_configuration
 
-    gtf = section_from_dict(
-        GtfDefinition,
-        {
-            "clean_runs": clean_runs,
-            "noisy_runs": noisy_runs,
-            "noise_sigma": parse_value(noise_sigma),
-            "aggregate": aggregate,
-        },
-        source="evaluate",
-    )
+    gtf = score_definition("evaluate", clean_runs, noisy_runs, noise_sigma, aggregate)
     chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))
     given = parse_options(nominal, "--nominal") | parse_pairs(option, "--option")
     measured = section_from_dict(SideMetricDefinition, parse_pairs(side, "--side"), source="--side")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from gtf_tune.cli.measure.runs import CleanRuns, Seed
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings, default_jobs, make_executor
 from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
 from gtf_tune.cli.terminal.console import number, permille, say, write_json, write_line, write_table
@@ -29,9 +30,9 @@ def noise(
     recursive: Recursive = False,
     camera: CameraFlag = None,
     sigmas: Sigmas = None,
-    clean_runs: Annotated[int, typer.Option("--clean-runs", "-k", min=1, max=1000, help="k.")] = 2,
+    clean_runs: CleanRuns = 2,
     runs: Annotated[int, typer.Option("--runs", "-K", min=2, max=1000, help="Noisy runs of each level.")] = 4,
-    seed: Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Seed of noise and runs.")] = 0,
+    seed: Seed = 0,
     jobs: Jobs = None,
     cache_dir: CacheDir = None,
     no_cache: NoCache = False,

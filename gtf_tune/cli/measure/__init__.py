@@ -1,0 +1,1 @@
+"""Commands that measure configurations on one sequence, without a study."""
