@@ -77,7 +77,7 @@ def tune(
     from gtf_tune.study.open_study import open_study
     from gtf_tune.study.tune.handover import check_output, makes_models
 
-    began = time.monotonic()
+    ends = time.monotonic() + 60 * minutes
     hush_optuna()
     given = source
     if source.suffix.lower() in VIDEOS:
@@ -91,44 +91,46 @@ def tune(
         request = tuned_like(database, like, request)
     folder = output or given.absolute().with_name(f"{given.stem}-tuned")
     check_output(folder)
-    tuning = _begin(database, request, cache_dir, new=new)
+    tuning = _begin(database, request, (folder, ends), cache_dir, new=new)
     _say_plan(tuning.plan)
     study = open_study(database, tuning.name)
-    found = _tune_through(study, tuning, request, cache_dir, 60 * minutes - (time.monotonic() - began))
-    say(f"write: about {duration(tuning.plan.write_s)}")
-    left_s = 60 * minutes - (time.monotonic() - began) - tuning.plan.write_s
-    _hand_over(study, found, folder, check=left_s > tuning.plan.full.verified_s)
+    found = _tune_through(study, tuning, request, cache_dir, ends)
+    _hand_over(study, found, folder, ends)
     _report(database, tuning.name, folder)
     write_line("")
     write_line(found.text)
-    write_line(f"{folder}: models, scripts that make them, trajectory, report")
-    say(f"it took {duration(time.monotonic() - began)}; see: gtf-tune study show {tuning.name}{storage_flag(database)}")
+    write_line(f"{folder}: models, scripts that make them, trajectory, report; README.txt says what is what")
+    took = duration(60 * minutes - (ends - time.monotonic()))
+    say(f"it took {took}; see: gtf-tune study show {tuning.name}{storage_flag(database)}")
 
 
 def _tune_through(
-    study: "OpenStudy", tuning: "Tuning", request: "TuneRequest", cache_dir: Path | None, left_s: float
+    study: "OpenStudy", tuning: "Tuning", request: "TuneRequest", cache_dir: Path | None, ends: float
 ) -> "Recommendation":
-    """Search, shorten and confirm within the seconds that are left, with one progress display; exit if stopped."""
+    """Search, shorten and confirm with one progress display, so that the rest ends in time; exit if stopped."""
     from gtf_tune.cli.terminal.tune_progress import TuneProgress
     from gtf_tune.display import definition_unit
     from gtf_tune.report.dashboard.sync import DashboardSync
     from gtf_tune.study.runs.run_source import Interrupted
     from gtf_tune.study.runs.stop import StopRequest, signals_to
-    from gtf_tune.study.tune.phases import Means, minutes_of, tune_through
+    from gtf_tune.study.tune.pace import WRITE
+    from gtf_tune.study.tune.phases import Means, pace_of, tune_through
 
-    minutes = minutes_of(study, tuning.plan, request.jobs, left_s)
+    pace = pace_of(study, tuning.plan, request.jobs, ends - time.monotonic())
     say(f"search: {study.budget} trials, about {duration(tuning.plan.search_s)}")
     stop, shown = StopRequest(), DashboardSync(study.database, study.definition.name, warn=say)
-    progress = TuneProgress(minutes.pace, definition_unit(study.definition))
+    progress = TuneProgress(pace, definition_unit(study.definition))
     callbacks: list[Callback] = [progress.on_event, shown.on_event, partial(_say_first_verdict, study, progress.say)]
     with signals_to(stop, progress.say), make_executor(request.jobs, cache_dir) as executor, progress:
         try:
-            found = tune_through(study, Means(executor, stop, callbacks, progress.say, minutes))
+            found = tune_through(study, Means(executor, stop, callbacks, progress.say, pace))
         except Interrupted:
             found = None
     if found is None or stop.level:
         say("stopped; the same command goes on")
         raise typer.Exit(INTERRUPTED_EXIT_CODE)
+    pace.begin(WRITE)
+    say(f"write: about {duration(pace.left_s)} left")
     shown.bring_up_to_date()
     return found
 
@@ -168,13 +170,18 @@ def _request(source: Path, minutes: float, jobs: int, tier: int, sections: dict[
     return TuneRequest(source, minutes, jobs, tier, sections)
 
 
-def _begin(database: "Database", request: "TuneRequest", cache_dir: Path | None, *, new: bool) -> "Tuning":
-    """Return the study of these images, begun now or before."""
+def _begin(
+    database: "Database", request: "TuneRequest", place: tuple[Path, float], cache_dir: Path | None, *, new: bool
+) -> "Tuning":
+    """Return the study of these images, begun now or before; ``place`` is the folder of the outcome, and the end."""
     from gtf_tune.definition.model import LimitsDefinition
+    from gtf_tune.errors import RunError
     from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
     from gtf_tune.study.runs.stop import StopRequest, signals_to
+    from gtf_tune.study.tune.estimate import Beginning
     from gtf_tune.study.tune.start import begin_tuning, known_tuning
 
+    folder, ends = place
     known = None if new else known_tuning(database, request)
     if known is not None:
         say(f"going on with study '{known.name}'; --new begins another one")
@@ -184,8 +191,10 @@ def _begin(database: "Database", request: "TuneRequest", cache_dir: Path | None,
     with signals_to(stop, say), make_executor(request.jobs, cache_dir) as executor:
         source = RunSource(database, executor, run_limits(LimitsDefinition()), stop)
         try:
-            tuning = begin_tuning(database, request, source, say)
-        except Interrupted:
+            tuning = begin_tuning(database, request, Beginning(source, folder, lambda: ends - time.monotonic(), say))
+        except (Interrupted, RunError):
+            if not stop.level:
+                raise
             say("stopped while timing; the same command begins again")
             raise typer.Exit(INTERRUPTED_EXIT_CODE) from None
     say(f"created study '{tuning.name}'")
@@ -196,7 +205,7 @@ def _say_plan(plan: "Plan") -> None:
     confirmation = "no time to confirm"
     if plan.confirmation_runs:
         confirmation = f"a confirmation with {plan.confirmation_runs} noisy runs"
-    say(f"plan: {plan.trials} trials, {confirmation}, two reconstructions; about {duration(plan.seconds)} in all")
+    say(f"plan: {plan.trials} trials, {confirmation}, another reconstruction; about {duration(plan.seconds)} in all")
 
 
 def _say_first_verdict(study: "OpenStudy", announce: "Callable[[str], None]", event: "Event") -> None:
@@ -209,21 +218,26 @@ def _say_first_verdict(study: "OpenStudy", announce: "Callable[[str], None]", ev
         announce(f"first verdict: {recommend(study.database, study.record).text}")
 
 
-def _hand_over(study: "OpenStudy", found: "Recommendation", folder: Path, *, check: bool) -> None:
+def _hand_over(study: "OpenStudy", found: "Recommendation", folder: Path, ends: float) -> None:
     """Write the models and scripts of a COLMAP pipeline, or the options and trajectories of another."""
+    from gtf_tune.study.tune.budget import AROUND_S
     from gtf_tune.study.tune.handover import hand_over, hand_over_trajectories, makes_models
-    from gtf_tune.study.tune.start import configurations_of, whole_sequence
+    from gtf_tune.study.tune.reconstruct import Workshop
+    from gtf_tune.study.tune.start import recommended, whole_sequence
 
-    whole = whole_sequence(study)
-    configurations = configurations_of(study, found.trial, whole)
+    used = whole_sequence(study, "models")
+    configurations = recommended(study, found, used)
     if not makes_models(study.definition.pipeline.name):
         hand_over_trajectories(folder, configurations, _clean_trajectories(study, found))
         return
-    written = hand_over(folder, whole, study.pipeline, configurations, say, check=check)
-    for name, model in (("nominal", written.nominal), ("adopted", written.adopted)):
-        say(f"{name}: {len(model.trajectory)} of {len(whole)} images, {model.num_points} points")
-    if written.vetoed:
-        write_line(f"The nominal options are handed over instead: {written.vetoed}.")
+    workshop = Workshop(used, study.pipeline, say)
+    written = hand_over(folder, workshop, configurations, check_until=ends - AROUND_S)
+    models = {"nominal": written.nominal.model, "adopted": written.adopted, "unconfirmed": written.unconfirmed}
+    for name, model in models.items():
+        if model is not None and (name == "nominal" or model is not written.nominal.model):
+            say(f"{name}: {len(model.trajectory)} of {len(used)} images, {model.num_points} points")
+    if written.label != configurations.label:
+        write_line(written.label)
     moved = found.trial.value if found.trial and study.definition.gtf.normalise == "extent" else None
     limit = written.calibration_limit(moved) if moved is not None else ""
     if limit:

@@ -18,6 +18,7 @@ import pytest
 import gtf_tune.api.executor
 import gtf_tune.execution
 import gtf_tune.sequence
+import gtf_tune.study.tune.estimate
 import gtf_tune.study.tune.handover
 from gtf_tune.cli.main import main
 from gtf_tune.execution import InlineExecutor
@@ -53,7 +54,8 @@ def quick_command_line() -> Iterator[Command]:
         patch.setattr(gtf_tune.execution, "LocalExecutor", _inline)
         patch.setattr(gtf_tune.api.executor, "LocalExecutor", _inline)
         patch.setattr(gtf_tune.sequence, "render_room", _tiny_room)
-        patch.setattr(gtf_tune.study.tune.handover, "makes_models", lambda _: False)
+        for module in (gtf_tune.study.tune.handover, gtf_tune.study.tune.estimate):
+            patch.setattr(module, "makes_models", lambda _: False)
         yield partial(_call, patch)
 
 

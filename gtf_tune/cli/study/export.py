@@ -128,12 +128,17 @@ def _trials_csv(database: "Database", study: "Study") -> str:
 
 def _write_scripts(database: "Database", trial: "Trial", name: str, folder: Path) -> None:
     from gtf_tune.study.open_study import open_study
+    from gtf_tune.study.outcome.recommendation import recommend
     from gtf_tune.study.tune.handover import write_scripts
     from gtf_tune.study.tune.start import configurations_of, whole_sequence
 
     study = open_study(database, name)
     whole = whole_sequence(study)
-    write_scripts(folder, whole, study.pipeline, configurations_of(study, trial, whole))
+    adopted = recommend(database, study.record)
+    confirmed = adopted.decision == "adopt" and adopted.trial == trial
+    label = "ADOPTED options, confirmed on fresh noise" if confirmed else "not confirmed on fresh noise"
+    label = f"trial {trial.number} of study '{name}': {'NOMINAL options' if not trial.number else label}"
+    write_scripts(folder, whole, study.pipeline, configurations_of(study, trial, whole, label))
     say(f"wrote {folder}; next: python {folder / 'run.py'}, or sh {folder / 'run.sh'}")
 
 

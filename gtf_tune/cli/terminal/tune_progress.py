@@ -52,11 +52,6 @@ class TuneProgress:
         else:
             self._bar.console.print(text, markup=False, highlight=False)
 
-    def begin(self, phase: str) -> None:
-        """Show that a phase begins."""
-        self._pace.begin(phase)
-        self._show()
-
     def on_event(self, event: Event) -> None:
         """Show an event of the work; safe to call from several threads."""
         with self._lock:

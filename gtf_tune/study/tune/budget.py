@@ -1,15 +1,20 @@
 """Turn minutes into a plan: how many trials, how long a confirmation, on how many and how large images.
 
-The price of everything follows from one timed run of nominal. A copy of the images (clean with one seed, or noisy)
-costs a whole run the first time; after that a configuration that only repeats the last stage costs that stage alone.
+Everything here is arithmetic on prices that were measured. A copy of the images (clean with one seed, or noisy) costs
+a whole run the first time; after that a configuration repeats only the stages from its first changed option on. The
+same function plans before the search and anew after every trial of it: too little time shortens the search first and
+then the confirmation.
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
 
 CLEAN_RUNS = 1
 NOISY_RUNS = 3
 """Runs of a trial: few, because the noise is common to all trials."""
+
+COPIES = CLEAN_RUNS + NOISY_RUNS
 
 CONFIRMED = 2
 """Candidates that a confirmation compares with nominal."""
@@ -17,44 +22,49 @@ CONFIRMED = 2
 FEWEST_CONFIRMATION_RUNS = 4
 MOST_CONFIRMATION_RUNS = 16
 MOST_TRIALS = 60
-_FEWEST_TRIALS = 4
+FEWEST_TRIALS = 4
+"""Trials, nominal included, that are made before there is anything to confirm."""
 
 ABLATIONS = 2
 """Trials that are kept for putting options of the best one back to nominal."""
 
 _SEARCH_SHARE = 0.6
-"""Share of what is left after the first trials that goes to the search; the rest goes to the confirmation."""
+"""Share of what is left after the nominal trial that goes to the search; the rest goes to the confirmation."""
 
-_IN_TIME = 0.9
-"""Share of the minutes that is planned for: runs of one machine differ in time."""
+_SLACK = 1.15
+"""How much longer than its price a confirmation or a reconstruction may take: once begun it cannot be shortened."""
+
+AROUND_S = 15.0
+"""Seconds for starting, for the report and for ending."""
 
 
 @dataclass(frozen=True)
 class RunPrice:
     """What one run costs, in seconds of one core.
 
-    ``whole_s`` is a run from the pixels on; ``repeated_s`` one whose cached stages are at hand, and ``verified_s`` one
-    that has features and matches only.
+    ``whole_s`` is a run from the pixels on; ``repeated_s`` what a configuration of the search repeats of it, and
+    ``verified_s`` a run that has features and matches only.
     """
 
     whole_s: float
     repeated_s: float
     verified_s: float = 0.0
 
-    def scaled(self, reduction: "Reduction") -> "RunPrice":
-        """Return the estimated price on fewer and smaller images.
+    def times(self, factor: float) -> "RunPrice":
+        """Return the price where everything takes ``factor`` times as long."""
+        return RunPrice(factor * self.whole_s, factor * self.repeated_s, factor * self.verified_s)
 
-        Matching grows with the square of the number of images, everything else about linearly with their number; the
-        number of features follows the area. The larger exponent is taken for cached stages, which matching rules.
-        """
-        area = reduction.size**2
-        cached = self.whole_s - self.repeated_s
+    def between(self, other: "RunPrice", share: float) -> "RunPrice":
+        """Return the price between this one and another, in proportion of logarithms: 0 is this one, 1 the other."""
         return RunPrice(
-            cached * reduction.frames**1.5 * area + self.repeated_s * reduction.frames * area,
-            self.repeated_s * reduction.frames * area,
-            (self.verified_s - self.repeated_s) * reduction.frames**1.5 * area
-            + self.repeated_s * reduction.frames * area,
+            *(_between(getattr(self, field.name), getattr(other, field.name), share) for field in fields(RunPrice))
         )
+
+
+def _between(first: float, second: float, share: float) -> float:
+    if min(first, second) <= 0:
+        return first + share * (second - first)
+    return math.exp((1 - share) * math.log(first) + share * math.log(second))
 
 
 @dataclass(frozen=True)
@@ -75,7 +85,8 @@ class Plan:
 
     ``trials`` counts nominal. ``confirmation_runs`` are noisy runs of each configuration; 0 where there is no time for
     a confirmation. ``search_s``, ``confirm_s`` and ``write_s`` are the estimated wall times of the phases,
-    ``price`` and ``full`` what a run costs in the search and on all images at full size.
+    ``price`` and ``full`` what a run costs in the search and on the images of the written models; there
+    ``repeated_s`` is the second reconstruction.
     """
 
     trials: int
@@ -94,83 +105,121 @@ class Plan:
 
 
 @dataclass(frozen=True)
+class Ahead:
+    """What is still to be done: further trials, a confirmation, and how long each phase takes.
+
+    The confirmation compares so many ``candidates`` and ``baselines`` with nominal, under ``confirmation_runs`` noisy
+    runs each; 0 where there is no time for one.
+    """
+
+    trials: int
+    candidates: int
+    baselines: int
+    confirmation_runs: int
+    search_s: float
+    confirm_s: float
+    write_s: float
+
+
+@dataclass(frozen=True)
 class Budget:
     """What is available: wall time in seconds and runs at a time.
 
-    ``first`` configurations are always tried, and ``baselines`` are confirmed beside the best ones. ``most_trials``
-    counts nominal.
+    ``first`` configurations are tried before others, and ``baselines`` are confirmed beside the best ones.
+    ``most_trials`` counts nominal; a confirmation has so many ``candidates``.
     """
 
     seconds: float
     jobs: int
     first: int
     baselines: int = 0
+    candidates: int = CONFIRMED
     most_trials: int = MOST_TRIALS
 
-    def plan(self, full: RunPrice, reduced: RunPrice | None = None, reduction: Reduction | None = None) -> Plan:
-        """Return the plan for these prices.
+    def plan(self, full: RunPrice, price_of: Callable[[Reduction], RunPrice]) -> Plan:
+        """Return the plan on as many and as large images as the time allows.
 
-        ``full`` is the price on all images at full size, which the written models cost; ``reduced`` the price that was
-        measured on reduced images. Without it the first reduction whose estimated price fits is taken.
+        ``full`` is the price on the images of the written models, ``price_of`` returns that of a run in the search.
         """
-        if reduced is not None:
-            return self._plan(full, reduced, reduction or Reduction())
-        plans = [self._plan(full, full.scaled(reduction), reduction) for reduction in REDUCTIONS]
-        return next((plan for plan in plans if self._fits(plan)), plans[-1])
+        plans = (self.plan_at(full, price_of(reduction), reduction) for reduction in REDUCTIONS)
+        return next((plan for plan in plans if self._fits(plan)), None) or self.plan_at(
+            full, price_of(REDUCTIONS[-1]), REDUCTIONS[-1]
+        )
 
-    def _plan(self, full: RunPrice, price: RunPrice, reduction: Reduction) -> Plan:
-        write = self.write_s(full)
-        first = self._first_trials(price)
-        left = _IN_TIME * self.seconds - write - first
-        runs = self._confirmation_runs(price, left)
-        confirm = self.confirmation_s(price, runs)
-        more = self._more_trials(price, left - confirm)
-        search = first + self._parallel((more + ABLATIONS) * self._trial(price))
-        return Plan(1 + self.first + more, runs, reduction, search, confirm, write, price, full)
+    def plan_at(self, full: RunPrice, price: RunPrice, reduction: Reduction) -> Plan:
+        """Return the plan for a search on reduced images whose price is known."""
+        free = self._free(self.seconds, full) - self.waves(COPIES) * price.whole_s
+        ahead = self.ahead(price, full, self.seconds, (self.most_trials, self._shared_runs(price, free)))
+        trials = 1 + ahead.trials
+        return Plan(
+            trials, ahead.confirmation_runs, reduction, ahead.search_s, ahead.confirm_s, ahead.write_s, price, full
+        )
 
-    def affordable_confirmation(self, price: RunPrice, left_s: float) -> int:
-        """Return how many noisy runs a confirmation may have that ends within some seconds; 0 where it cannot be."""
-        counts = range(MOST_CONFIRMATION_RUNS, FEWEST_CONFIRMATION_RUNS - 1, -1)
-        return next((runs for runs in counts if self.confirmation_s(price, runs) <= left_s), 0)
+    def ahead(self, price: RunPrice, full: RunPrice, left_s: float, wanted: tuple[int, int], *, done: int = 0) -> Ahead:
+        """Return what can still be done in the seconds that are left.
 
-    def _confirmation_runs(self, price: RunPrice, left: float) -> int:
-        """Return the noisy runs of a confirmation: what its share of the time buys, at least the fewest if they fit."""
-        for runs in range(MOST_CONFIRMATION_RUNS, FEWEST_CONFIRMATION_RUNS - 1, -1):
-            share = left if runs == FEWEST_CONFIRMATION_RUNS else (1 - _SEARCH_SHARE) * left
-            if self.confirmation_s(price, runs) <= share:
-                return runs
-        return 0
+        ``wanted`` are the trials, nominal included, and the noisy runs of the confirmation; ``done`` of the trials have
+        ended. Where time is short the confirmation shrinks to its fewest runs as long as first configurations are
+        untried, then the search to its fewest trials, then the confirmation to the best one alone; what remains may be
+        too short for any. Time that the search cannot use goes to the confirmation.
+        """
+        trials, runs = wanted
+        nominal_s = 0.0 if done else self.waves(COPIES) * price.whole_s
+        free, trial_s = self._free(left_s, full) - nominal_s, self.trial_s(price)
 
-    def _more_trials(self, price: RunPrice, left: float) -> int:
-        trial = self._parallel(self._trial(price))
-        affordable = math.floor(max(left, 0.0) / trial) - ABLATIONS if trial > 0 else self.most_trials
-        fewest = max(_FEWEST_TRIALS - 1 - self.first, 0)  # the search ends by the clock in any case
-        return min(max(affordable, fewest), max(self.most_trials - 1 - self.first, 0))
+        def affordable(noisy: int) -> int:
+            left = max(free - _SLACK * self.confirmation_s(price, noisy), 0.0)
+            return math.floor(left / trial_s) if trial_s > 0 else self.most_trials + ABLATIONS
+
+        most = max(trials - max(done, 1), 0)
+        first, fewest = (min(max(count - max(done, 1), 0), most) for count in (1 + self.first, FEWEST_TRIALS))
+        runs = next((count for count in _downwards(runs) if self._has(price, count, free, first)), 0)
+        if not runs and self._has(price, FEWEST_CONFIRMATION_RUNS, free, fewest):
+            runs = FEWEST_CONFIRMATION_RUNS
+        if not runs and self.candidates > 1:
+            return replace(self, candidates=1, baselines=0).ahead(price, full, left_s, wanted, done=done)
+        spare = affordable(runs)
+        more = min(max(spare - ABLATIONS, min(spare, first)), most)
+        if runs and more == most:
+            enough = (count for count in _downwards() if self._has(price, count, free, most + ABLATIONS))
+            runs = max(runs, next(enough, 0))
+        shortened = min(ABLATIONS, max(affordable(runs) - more, 0)) if runs else 0
+        search_s = nominal_s + (more + shortened) * trial_s
+        confirm_s = self.confirmation_s(price, runs)
+        return Ahead(more, self.candidates, self.baselines, runs, search_s, confirm_s, full.repeated_s + AROUND_S)
+
+    def _has(self, price: RunPrice, runs: int, free: float, trials: int) -> bool:
+        """Whether there is time for a confirmation with so many noisy runs after so many trials."""
+        return _SLACK * self.confirmation_s(price, runs) + trials * self.trial_s(price) <= free
+
+    def _free(self, left_s: float, full: RunPrice) -> float:
+        """Return the seconds that search and confirmation may take together."""
+        return left_s - _SLACK * full.repeated_s - AROUND_S
+
+    def _shared_runs(self, price: RunPrice, free: float) -> int:
+        """Return the noisy runs of a confirmation that its share of the free time buys, at least the fewest."""
+        share = (1 - _SEARCH_SHARE) * free
+        bought = (count for count in _downwards() if _SLACK * self.confirmation_s(price, count) <= share)
+        return next(bought, FEWEST_CONFIRMATION_RUNS)
 
     def _fits(self, plan: Plan) -> bool:
-        return plan.confirmation_runs > 0 and plan.seconds <= _IN_TIME * self.seconds
+        """Whether a plan has all first configurations and a confirmation with all candidates and baselines."""
+        wide = plan.confirm_s >= self.confirmation_s(plan.price, FEWEST_CONFIRMATION_RUNS) > 0
+        return wide and plan.trials >= min(1 + self.first, self.most_trials)
 
     def trial_s(self, price: RunPrice) -> float:
         """Return the estimated wall time of one more trial."""
-        return self._parallel(self._trial(price))
-
-    def _trial(self, price: RunPrice) -> float:
-        return (CLEAN_RUNS + NOISY_RUNS) * price.repeated_s
-
-    def _first_trials(self, price: RunPrice) -> float:
-        """Return the wall time of nominal, whose runs begin at the pixels, and of the first configurations."""
-        copies = CLEAN_RUNS + NOISY_RUNS
-        return self._parallel(copies * price.whole_s + self.first * self._trial(price))
+        return self.waves(COPIES) * price.repeated_s
 
     def confirmation_s(self, price: RunPrice, runs: int) -> float:
         """Return the estimated wall time of a confirmation with so many noisy runs of each configuration."""
-        copies = CLEAN_RUNS + runs
-        each = price.whole_s + CONFIRMED * price.repeated_s + self.baselines * price.verified_s
-        return self._parallel(copies * each) if runs else 0.0
+        each = price.whole_s + self.candidates * price.repeated_s + self.baselines * price.verified_s
+        return self.waves(CLEAN_RUNS + runs) * each if runs else 0.0
 
-    def write_s(self, full: RunPrice) -> float:
-        """Return the estimated wall time of the reconstructions: nominal, and adopted from the same matches."""
-        return full.whole_s + (full.verified_s or full.whole_s)
+    def waves(self, runs: int) -> int:
+        """Return how many times in turn a configuration's runs fill all places."""
+        return math.ceil(runs / self.jobs)
 
-    def _parallel(self, seconds: float) -> float:
-        return seconds / self.jobs
+
+def _downwards(most: int = MOST_CONFIRMATION_RUNS) -> range:
+    return range(most, FEWEST_CONFIRMATION_RUNS - 1, -1)

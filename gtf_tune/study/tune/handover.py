@@ -1,18 +1,16 @@
-"""Hand over what was found: both models, the scripts that make them, and what other programs read.
+"""Hand over what was found: the models, the scripts that make them, and what other programs read.
 
-The models are made by the very script that is handed over, from the original images at full size.
+The models are made by the very script that is handed over, from the original images. The nominal one is made before
+the search, which shows how long reconstructions take; it is a valid outcome until something better is confirmed.
 """
 
 import contextlib
-import hashlib
 import json
 import math
-import os
 import shutil
-import subprocess
-import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,40 +19,52 @@ from gtf_tune.errors import RunError, StorageError
 from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.study.outcome.export import option_json
+from gtf_tune.study.tune.reconstruct import (
+    MARK,
+    MATCHES,
+    Reconstructed,
+    Workshop,
+    common_folder,
+    contradicted,
+    size_option,
+    write_text,
+)
 
 if TYPE_CHECKING:
     from gtf_tune.pipelines.colmap.models import SparseModel
     from gtf_tune.trajectory import Trajectory
 
-MARK = ".gtf-tune.json"
-"""File by which an output folder is known to be ours, so that it may be replaced."""
-
-_LOG_LINES = 3
-_REFINED = ("refine_focal_length", "refine_extra_params", "refine_principal_point")
+UNCONFIRMED_MODEL = "sparse-unconfirmed"
 _LEAST_CALIBRATION = 1e-3
 
 
 @dataclass(frozen=True)
 class Configurations:
-    """The two configurations that are reconstructed, each as the options that differ from the pipeline's defaults."""
+    """The configurations that are reconstructed, each as the options that differ from the pipeline's defaults.
+
+    ``adopted`` is what `sparse/0` is made with, and ``label`` says to its users what that is: nominal or adopted, and
+    why. ``unconfirmed`` is the best of a search that was not confirmed, for a folder of its own.
+    """
 
     adopted: Mapping[str, OptionValue]
     nominal: Mapping[str, OptionValue]
+    unconfirmed: Mapping[str, OptionValue] | None = None
+    label: str = ""
 
 
 @dataclass(frozen=True)
 class Handover:
     """What was written.
 
-    ``vetoed`` says why the adopted configuration is not handed over after all; empty where it is.
-    ``moved_by_calibration`` is how far the trajectory moves where all intrinsics are refined, as a fraction of its
-    extent; NaN where that was not looked at.
+    ``label`` says what the model in `sparse/0` is, which ``adopted`` describes. ``moved_by_calibration`` is how far the
+    trajectory moves where all intrinsics are refined, as a fraction of its extent; NaN where that was not looked at.
     """
 
     folder: Path
+    label: str
     adopted: "SparseModel"
-    nominal: "SparseModel"
-    vetoed: str = ""
+    nominal: Reconstructed
+    unconfirmed: "SparseModel | None" = None
     moved_by_calibration: float = math.nan
 
     def calibration_limit(self, movement: float) -> str:
@@ -78,54 +88,80 @@ def check_output(folder: Path) -> None:
 
 
 def hand_over(
-    folder: Path,
-    sequence: Sequence,
-    pipeline: Pipeline,
-    configurations: Configurations,
-    announce: Callable[[str], None] = lambda _: None,
-    *,
-    check: bool = False,
+    folder: Path, workshop: Workshop, configurations: Configurations, *, check_until: float = 0.0, is_last: bool = True
 ) -> Handover:
     """Reconstruct with both configurations and write everything into ``folder``, in place of an earlier handover.
 
-    A model of the adopted configuration that lost images or points on the whole sequence is not handed over: nominal
-    takes its place. With ``check`` the intrinsics are refined once more than the options say, for
-    ``Handover.moved_by_calibration``.
+    A nominal model that is there already is kept. A model of another configuration that fails, or lost images or
+    points on the whole sequence, is not handed over: nominal takes its place. If that can end before ``check_until``,
+    on the monotonic clock, the intrinsics are refined once more than the options say, for
+    ``Handover.moved_by_calibration``. Features and matches stay in the folder unless the handover ``is_last``.
 
     Raises
     ------
     StorageError
         The folder holds something else or cannot be written.
     RunError
-        A reconstruction failed; the reason is in the message.
+        The nominal reconstruction failed; the reason is in the message.
+    TooSlow
+        It took longer than ``timeout_s``.
     """
+    check_output(folder)
+    sequence, pipeline = workshop.sequence, workshop.pipeline
+    with _written_aside(folder) as work:
+        _write_scripts(work, sequence, pipeline, configurations)
+        nominal = workshop.nominal(work, folder, configurations.nominal)
+        configurations, other = _with_other(work, workshop, configurations, nominal.model)
+        adopted = nominal.model if other is None or configurations.unconfirmed is not None else other
+        if adopted is nominal.model:
+            shutil.copytree(work / "sparse-nominal", work / "sparse")
+        moved = math.nan
+        left_s = check_until - time.monotonic()
+        if left_s > 2 * nominal.mapping_s:
+            workshop.timeout_s = left_s
+            moved = workshop.moved_by_calibration(work, adopted, configurations.adopted)
+        if is_last:
+            _tidy(work)
+        _write_rest(work, workshop, adopted, nominal)
+    unconfirmed = other if configurations.unconfirmed is not None else None
+    return Handover(folder, configurations.label, adopted, nominal, unconfirmed, moved)
+
+
+def _with_other(
+    work: Path, workshop: Workshop, configurations: Configurations, nominal: "SparseModel"
+) -> "tuple[Configurations, SparseModel | None]":
+    """Return the model that is made beside nominal, if any, and the configurations without one that cannot be used."""
+    name = "sparse" if configurations.unconfirmed is None else UNCONFIRMED_MODEL
+    options = configurations.adopted if configurations.unconfirmed is None else configurations.unconfirmed
+    if options == configurations.nominal:
+        return configurations, None
+    workshop.announce(f"reconstructing {len(workshop.sequence)} images with the options of the best trial")
+    try:
+        model = workshop.reconstruct(work, name, options).model
+        reason = contradicted(model, nominal)
+    except RunError as error:
+        reason = str(error)
+    if not reason:
+        return configurations, model
+    shutil.rmtree(work / name, ignore_errors=True)
+    (work / "options-unconfirmed.json").unlink(missing_ok=True)
+    label = f"NOMINAL options. The best trial is not handed over: {reason}."
+    configurations = Configurations(configurations.nominal, configurations.nominal, label=label)
+    _write_scripts(work, workshop.sequence, workshop.pipeline, configurations)
+    return configurations, None
+
+
+def _write_rest(work: Path, workshop: Workshop, adopted: "SparseModel", nominal: Reconstructed) -> None:
+    """Write what other programs read, and by what the folder is known."""
     from gtf_tune.pipelines.colmap.models import transforms_json
     from gtf_tune.trajectory import write_tum
 
-    check_output(folder)
-    images, names = _common_folder(sequence)
-    with _written_aside(folder) as work:
-        _write_scripts(work, sequence, pipeline, configurations)
-        announce(f"reconstructing {len(names)} images with the nominal options")
-        nominal = _reconstruct(work, "sparse-nominal", configurations.nominal, names)
-        adopted, vetoed = nominal, ""
-        if configurations.adopted != configurations.nominal:
-            announce(f"reconstructing {len(names)} images with the adopted options")
-            adopted = _reconstruct(work, "sparse", configurations.adopted, names)
-            vetoed = _contradicted(adopted, nominal)
-        if adopted is nominal or vetoed:
-            configurations = Configurations(configurations.nominal, configurations.nominal)
-            _write_scripts(work, sequence, pipeline, configurations)
-            shutil.rmtree(work / "sparse", ignore_errors=True)
-            shutil.copytree(work / "sparse-nominal", work / "sparse")
-            adopted = nominal
-        moved = _moved_by_calibration(work, adopted, configurations.adopted, pipeline, names) if check else math.nan
-        _tidy(work)
-        write_tum(adopted.trajectory, work / "trajectory.txt")
-        write_tum(nominal.trajectory, work / "trajectory-nominal.txt")
-        _write(work / "transforms.json", transforms_json(work / "sparse" / "0", images))
-        _write(work / MARK, json.dumps({"sequence": sequence.name, "pipeline": pipeline.name}) + "\n")
-    return Handover(folder, adopted, nominal, vetoed, moved)
+    images, _ = common_folder(workshop.sequence)
+    write_tum(adopted.trajectory, work / "trajectory.txt")
+    write_tum(nominal.model.trajectory, work / "trajectory-nominal.txt")
+    write_text(work / "transforms.json", transforms_json(work / "sparse" / "0", images))
+    times = {"whole_s": nominal.whole_s, "mapping_s": nominal.mapping_s}
+    write_text(work / MARK, json.dumps({**workshop.mark, **times}) + "\n")
 
 
 def write_scripts(folder: Path, sequence: Sequence, pipeline: Pipeline, configurations: Configurations) -> None:
@@ -139,51 +175,49 @@ def write_scripts(folder: Path, sequence: Sequence, pipeline: Pipeline, configur
     check_output(folder)
     with _written_aside(folder) as work:
         _write_scripts(work, sequence, pipeline, configurations)
-        _write(work / MARK, json.dumps({"sequence": sequence.name, "pipeline": pipeline.name}) + "\n")
+        write_text(work / MARK, json.dumps({"sequence": sequence.name, "pipeline": pipeline.name}) + "\n")
 
 
 def _write_scripts(work: Path, sequence: Sequence, pipeline: Pipeline, configurations: Configurations) -> None:
     from gtf_tune.pipelines.colmap.script import Photographs, pycolmap_script
     from gtf_tune.pipelines.colmap.shell import colmap_shell_script
 
-    images, names = _common_folder(sequence)
+    images, names = common_folder(sequence)
     camera = sequence.camera.scaled(*sequence.stored_size) if sequence.camera else None
     photographs, settings = Photographs(images, list(names), camera), dict(pipeline.settings)
-    _write(work / "images.txt", "".join(f"{name}\n" for name in names))
-    _write(work / "run.py", pycolmap_script(pipeline.name, photographs, settings, pipeline.version))
-    _write(work / "run.sh", colmap_shell_script(pipeline.name, photographs, settings, configurations.adopted))
-    _write(work / "options-nominal.json", option_json(configurations.nominal))
-    _write(work / "options.json", option_json(configurations.adopted))
+    size, label = size_option(sequence), " ".join((configurations.label or "Options as in options.json").split())
+    adopted = {**configurations.adopted, **size}
+    write_text(work / "images.txt", "".join(f"{name}\n" for name in names))
+    write_text(work / "run.py", pycolmap_script(pipeline.name, photographs, settings, pipeline.version))
+    shell = colmap_shell_script(pipeline.name, photographs, settings, adopted)
+    write_text(work / "run.sh", shell.replace("\n", f"\n# {label}\n", 1))
+    write_text(work / "options-nominal.json", option_json({**configurations.nominal, **size}))
+    write_text(work / "options.json", option_json(adopted))
+    if configurations.unconfirmed is not None:
+        write_text(work / "options-unconfirmed.json", option_json({**configurations.unconfirmed, **size}))
+    write_text(work / "README.txt", _readme(sequence, configurations.unconfirmed is not None, label))
 
 
-def _moved_by_calibration(
-    work: Path,
-    model: "SparseModel",
-    options: Mapping[str, OptionValue],
-    pipeline: Pipeline,
-    names: Mapping[str, tuple[int, float]],
-) -> float:
-    """Return how far the trajectory moves where the intrinsics are refined too, as a fraction of the extent.
-
-    NaN where the pipeline cannot refine them, or the reconstruction fails.
-    """
-    from gtf_tune.metrics import AteSettings, pairwise_matrix
-
-    free = {name: True for name in pipeline.options.specs if name.endswith(_REFINED)}
-    if not free:
-        return math.nan
-    try:
-        other = _reconstruct(work, "sparse-refined", {**options, **free}, names)
-    except RunError:
-        return math.nan
-    found = pairwise_matrix([model.trajectory], [other.trajectory], AteSettings("sim3"))
-    return float(found.errors[0, 0] / found.extents[0, 0])
+def _readme(sequence: Sequence, has_unconfirmed: bool, label: str) -> str:
+    """Return what the models of a folder are, the most important line first."""
+    lines = [f"sparse/0, options.json, run.sh, trajectory.txt, transforms.json: {label}"]
+    if has_unconfirmed:
+        lines.append(
+            f"{UNCONFIRMED_MODEL}/0, options-unconfirmed.json: best trial of the search, NOT CONFIRMED on fresh noise."
+        )
+    lines.append("sparse-nominal/0, options-nominal.json, trajectory-nominal.txt: the nominal options.")
+    if size_option(sequence):
+        lines.append(
+            f"Made from {len(sequence)} images reduced to {sequence.width}x{sequence.height} pixels: there was no time "
+            "for all of it. 'gtf-tune study export NAME' writes the scripts for the images at full size."
+        )
+    return "\n".join(lines) + "\n"
 
 
 def _tidy(work: Path) -> None:
     """Remove what was only needed to make and check the models."""
     shutil.rmtree(work / "sparse-refined", ignore_errors=True)
-    for scrap in (*work.glob("*.log"), *work.glob("matches-*.db"), work / "sparse-refined.json"):
+    for scrap in (*work.glob("*.log"), *work.glob(MATCHES), work / "sparse-refined.json"):
         scrap.unlink(missing_ok=True)
 
 
@@ -202,17 +236,27 @@ def hand_over_trajectories(
     from gtf_tune.trajectory import write_tum
 
     check_output(folder)
+    chosen, kind = configurations.adopted, "" if configurations.unconfirmed is None else "-unconfirmed"
+    options = {"": chosen, "-nominal": configurations.nominal, kind: configurations.unconfirmed or chosen}
+    poses = {"": trajectories["nominal"], "-nominal": trajectories["nominal"], kind: trajectories["adopted"]}
     with _written_aside(folder) as work:
-        _write(work / "options.json", option_json(configurations.adopted))
-        _write(work / "options-nominal.json", option_json(configurations.nominal))
-        write_tum(trajectories["adopted"], work / "trajectory.txt")
-        write_tum(trajectories["nominal"], work / "trajectory-nominal.txt")
-        _write(work / MARK, "{}\n")
+        for name in options:
+            write_text(work / f"options{name}.json", option_json(options[name]))
+            write_tum(poses[name], work / f"trajectory{name}.txt")
+        lines = [f"options.json, trajectory.txt: {configurations.label}"]
+        lines += ["*-unconfirmed.*: best trial of the search, NOT CONFIRMED on fresh noise."] if kind else []
+        write_text(work / "README.txt", "\n".join(lines) + "\n")
+        write_text(work / MARK, "{}\n")
 
 
 def makes_models(pipeline: str) -> bool:
     """Whether a pipeline is COLMAP's, so that models can be handed over."""
     return pipeline in ("glomap", "colmap", "colmap-hierarchical")
+
+
+def changed_options(pipeline: Pipeline, options: Mapping[str, OptionValue]) -> dict[str, OptionValue]:
+    """Return the options that differ from the pipeline's defaults."""
+    return {name: value for name, value in options.items() if value != pipeline.options.specs[name].default}
 
 
 def scaled_to(options: Mapping[str, OptionValue], pixels: frozenset[str], factor: float) -> dict[str, OptionValue]:
@@ -221,59 +265,6 @@ def scaled_to(options: Mapping[str, OptionValue], pixels: frozenset[str], factor
         name: value * factor if name in pixels and isinstance(value, float) else value
         for name, value in options.items()
     }
-
-
-def _contradicted(adopted: "SparseModel", nominal: "SparseModel") -> str:
-    """Return how the adopted configuration contradicts nominal on the whole sequence; empty where it does not."""
-    from gtf_tune.study.outcome.contradiction import CleanRun, contradictions
-
-    both = [
-        CleanRun(model.trajectory, float(model.num_points), model.mean_track_length) for model in (nominal, adopted)
-    ]
-    found = contradictions(both[:1], both[1:], explained=0.0)
-    return f"on all images the adopted configuration {found[0]}" if found else ""
-
-
-def _common_folder(sequence: Sequence) -> tuple[Path, dict[str, tuple[int, float]]]:
-    """Return the folder that holds all images, and frame id and timestamp by the name below it."""
-    folder = Path(os.path.commonpath([frame.path.absolute().parent for frame in sequence.frames]))
-    names = {
-        frame.path.absolute().relative_to(folder).as_posix(): (frame.frame_id, frame.timestamp)
-        for frame in sequence.frames
-    }
-    return folder, names
-
-
-def _reconstruct(
-    work: Path, name: str, options: Mapping[str, OptionValue], names: Mapping[str, tuple[int, float]]
-) -> "SparseModel":
-    """Run the script in a process of its own, on the matches of an earlier call where they are the same."""
-    from gtf_tune.pipelines.colmap.models import read_model
-
-    _write(work / f"{name}.json", option_json(options))
-    log, database = work / f"{name}.log", work / f"matches-{_matches_key(options)}.db"
-    with log.open("wb") as output:
-        done = subprocess.run(
-            [sys.executable, "run.py", name, f"{name}.json", database.name],
-            cwd=work,
-            stdin=subprocess.DEVNULL,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            check=False,
-        )
-    (work / f"{name}.json").unlink()
-    if done.returncode:
-        last = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-_LOG_LINES:]
-        reason = " / ".join(last) or f"exit code {done.returncode}"
-        raise RunError(f"the reconstruction in {name} failed: {reason}")
-    return read_model(work / name / "0", names)
-
-
-def _matches_key(options: Mapping[str, OptionValue]) -> str:
-    """Return what names the database of features and verified matches that options lead to."""
-    groups = ("extraction.", "matching.", "verification.", "exhaustive.", "sequential.")
-    relevant = {name: value for name, value in sorted(options.items()) if name.startswith(groups)}
-    return hashlib.sha256(json.dumps(relevant).encode()).hexdigest()[:12]
 
 
 @contextlib.contextmanager
@@ -296,7 +287,3 @@ def _written_aside(folder: Path) -> Iterator[Path]:
         ) from error
     finally:
         shutil.rmtree(work, ignore_errors=True)
-
-
-def _write(path: Path, text: str) -> None:
-    path.write_text(text, encoding="utf-8", errors="surrogateescape")

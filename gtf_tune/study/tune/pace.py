@@ -1,94 +1,148 @@
-"""How long everything still takes, in one number for all phases.
+"""How much is still to be done within the minutes, and how long it takes, from what runs were planned to cost and took.
 
-The plan says what each run costs. How much slower or faster this machine is than planned is seen from the runs that
-have ended, and scales what is left.
+Whole runs and repeated ones are measured apart: other options than nominal's may make mapping slower, and several runs
+side by side slow each other down.
 """
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from gtf_tune.study.tune.budget import CLEAN_RUNS, CONFIRMED, NOISY_RUNS, Plan
+from gtf_tune.study.tune.budget import CLEAN_RUNS, COPIES, Ahead, Budget, Plan, RunPrice
 
-_PRIOR = 0.05
-"""Weight of the plan against what was seen, as a share of all work."""
+_PRIOR_RUNS = 2.0
+"""How many runs the planned price of a run counts for against measured ones."""
+
+SEARCH, CONFIRM, WRITE = "search", "confirm", "write"
 
 
-def work_of(plan: Plan, baselines: int) -> dict[str, list[float]]:
-    """Return what is to be done by phase: what each run costs, in seconds of one core and in running order."""
-    copies, fresh, price = CLEAN_RUNS + NOISY_RUNS, CLEAN_RUNS + plan.confirmation_runs, plan.price
-    repeated = [price.repeated_s] * (plan.trials - 1) * copies
-    confirmed = (
-        [price.whole_s] * fresh + [price.repeated_s] * CONFIRMED * fresh + [price.verified_s] * baselines * fresh
-    )
-    return {
-        "search": [price.whole_s] * copies + repeated,
-        "confirm": confirmed if plan.confirmation_runs else [],
-        "write": [plan.full.whole_s, plan.full.verified_s or plan.full.whole_s],
-    }
+@dataclass
+class _Seen:
+    """Planned and real seconds of the runs of one kind that have ended."""
+
+    planned_s: float = 0.0
+    taken_s: float = 0.0
+
+    def slowness(self, unit_s: float) -> float:
+        """Return how many times longer than planned they take; ``unit_s`` is the planned price of one."""
+        prior = _PRIOR_RUNS * unit_s
+        return (self.taken_s + prior) / (self.planned_s + prior) if prior > 0 else 1.0
 
 
 @dataclass
 class Pace:
-    """Time that is left, from the costs of runs by phase and the runs that have ended.
+    """Work that is left and its time, within the seconds of ``budget`` from the making of this object.
 
-    ``deadline_s`` is the whole wall time from the making of this object. What comes before the last phase ends in time
-    for that one, which takes as long as it takes: its runs go one at a time, those of the others ``jobs`` at a time.
+    ``done`` trials had ended before, nominal among them.
     """
 
-    work: dict[str, list[float]]
-    jobs: int
-    deadline_s: float
+    plan: Plan
+    budget: Budget
+    done: int = 0
     now: Callable[[], float] = time.monotonic
+    phase: str = field(init=False, default=SEARCH)
     _began: float = field(init=False)
-    _phase_began: float = field(init=False)
-    phase: str = field(init=False, default="search")
-    _planned_s: float = field(init=False, default=0.0)
-    _taken_s: float = field(init=False, default=0.0)
-    _done: int = field(init=False, default=0)
+    _mark: float = field(init=False)
+    _runs: int = field(init=False, default=0)
+    _confirmation: Ahead | None = field(init=False, default=None)
+    _whole: _Seen = field(init=False, default_factory=_Seen)
+    _repeated: _Seen = field(init=False, default_factory=_Seen)
 
     def __post_init__(self) -> None:
-        self._began = self._phase_began = self.now()
-
-    def begin(self, phase: str) -> None:
-        """Begin a phase; what was left of the one before is not done any more."""
-        self._taken_s += self.now() - self._phase_began
-        self._phase_began, self.phase, self._done = self.now(), phase, 0
-
-    def run_done(self, *, reused: bool = False) -> None:
-        """Count a run of this phase; one that was stored before took no time."""
-        costs = self.work[self.phase]
-        if self._done < len(costs) and not reused:
-            self._planned_s += costs[self._done] / self._side_by_side(self.phase)
-        self._done += 1
+        self._began = self._mark = self.now()
 
     @property
     def deadline_left_s(self) -> float:
         """Seconds until the deadline; negative after it."""
-        return self.deadline_s - (self.now() - self._began)
+        return self.budget.seconds - (self.now() - self._began)
 
     @property
-    def slowness(self) -> float:
-        """How many times longer runs take than planned."""
-        prior = _PRIOR * sum(self._phase_s(phase, 0) for phase in self.work)
-        if prior <= 0:
-            return 1.0
-        taken = self._taken_s + (self.now() - self._phase_began if self._done else 0.0)
-        return (taken + prior) / (self._planned_s + prior)
+    def price(self) -> RunPrice:
+        """What a run of the search costs, as planned but for the pace that was seen."""
+        planned = self.plan.price
+        whole, repeated = self._whole.slowness(planned.whole_s), self._repeated.slowness(planned.repeated_s)
+        return RunPrice(whole * planned.whole_s, repeated * planned.repeated_s, whole * planned.verified_s)
+
+    @property
+    def ahead(self) -> Ahead:
+        """What can still be done from here."""
+        full = self.plan.full
+        slower = min(max(self._repeated.slowness(self.plan.price.repeated_s), 1.0), 2.0)
+        full = replace(full, repeated_s=slower * full.repeated_s)
+        wanted = (self.plan.trials, self.plan.confirmation_runs)
+        return self.budget.ahead(self.price, full, self.deadline_left_s + self._begun_s, wanted, done=self.done)
+
+    @property
+    def _begun_s(self) -> float:
+        """Seconds of the trial under way that its ended runs stand for."""
+        if self.phase != SEARCH:
+            return 0.0
+        whole_s = self.budget.trial_s(self.price) if self.done else self.budget.waves(COPIES) * self.price.whole_s
+        return self._runs / COPIES * whole_s
+
+    @property
+    def search_is_over(self) -> bool:
+        """Whether there is no time for a further trial."""
+        return self.done > 0 and self.ahead.trials == 0
+
+    @property
+    def may_shorten(self) -> bool:
+        """Whether there is time for a trial that puts an option back to nominal, and the confirmation after it."""
+        return self.ahead.search_s > 0
 
     @property
     def left_s(self) -> float:
         """Seconds that everything still takes."""
-        *phases, last = self.work
-        if self.phase == last:
-            return self.slowness * self._phase_s(last, self._done)
-        later = phases[phases.index(self.phase) + 1 :]
-        runs = self._phase_s(self.phase, self._done) + sum(self._phase_s(phase, 0) for phase in later)
-        write_s = self.slowness * self._phase_s(last, 0)
-        return min(self.slowness * runs, max(self.deadline_left_s - write_s, 0.0)) + write_s
+        ahead = self.ahead
+        if self.phase == WRITE:
+            return max(ahead.write_s - (self.now() - self._mark), 0.0)
+        if self.phase == CONFIRM:
+            return self._confirmation_left_s() + ahead.write_s
+        return max(ahead.search_s - self._begun_s, 0.0) + ahead.confirm_s + ahead.write_s
 
-    def _phase_s(self, phase: str, done: int) -> float:
-        return sum(self.work[phase][done:]) / self._side_by_side(phase)
+    def begin(self, phase: str) -> None:
+        """Begin a phase; what was left of the one before is not done any more."""
+        self._confirmation = self.ahead if phase == CONFIRM else None
+        self.phase, self._mark, self._runs = phase, self.now(), 0
 
-    def _side_by_side(self, phase: str) -> int:
-        return 1 if phase == list(self.work)[-1] else self.jobs
+    def run_done(self, *, reused: bool = False) -> None:
+        """Count a run of this phase; one that was stored before took no time."""
+        kind, unit_s = self._kind()
+        runs = COPIES if self.phase == SEARCH else self._fresh
+        self._runs += 1
+        if kind and not reused:
+            kind.planned_s += unit_s * self.budget.waves(runs) / runs
+            kind.taken_s += self.now() - self._mark
+        self._mark = self.now()
+
+    def trial_done(self) -> None:
+        """Count a trial of the search; the time between its last run and now belongs to its runs."""
+        kind, _ = self._kind()
+        if kind and kind.planned_s:
+            kind.taken_s += self.now() - self._mark
+        self._mark, self._runs = self.now(), 0
+        self.done += 1
+
+    @property
+    def _fresh(self) -> int:
+        """Runs of each configuration in the confirmation under way."""
+        return CLEAN_RUNS + (self._confirmation.confirmation_runs if self._confirmation else 0)
+
+    def _kind(self) -> tuple[_Seen | None, float]:
+        """Return what the next run that ends is one of, and its planned price; None for runs of a baseline."""
+        price = self.plan.price
+        is_nominal = not self.done if self.phase == SEARCH else self._runs < self._fresh
+        if is_nominal:
+            return self._whole, price.whole_s
+        if self._confirmation is None or self._runs < (1 + self._confirmation.candidates) * self._fresh:
+            return self._repeated, price.repeated_s
+        return None, 0.0
+
+    def _confirmation_left_s(self) -> float:
+        price, plan = self.price, self._confirmation
+        if plan is None or not plan.confirmation_runs:
+            return 0.0
+        each = [price.whole_s, *[price.repeated_s] * plan.candidates, *[price.verified_s] * plan.baselines]
+        finished = self._runs / self._fresh
+        left = sum(cost * min(max(place + 1 - finished, 0.0), 1.0) for place, cost in enumerate(each))
+        return self.budget.waves(self._fresh) * left

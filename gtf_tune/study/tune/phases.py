@@ -3,9 +3,8 @@
 The command line and Python go the same way.
 """
 
-import itertools
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
@@ -25,58 +24,24 @@ from gtf_tune.study.outcome.recommendation import UNCONFIRMED, Recommendation, r
 from gtf_tune.study.runs.run_source import RunSource, run_limits
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.tune.ablation import shortened
-from gtf_tune.study.tune.budget import CONFIRMED, FEWEST_CONFIRMATION_RUNS, Budget, Plan, RunPrice
-from gtf_tune.study.tune.pace import Pace, work_of
+from gtf_tune.study.tune.budget import CONFIRMED, Budget, Plan
+from gtf_tune.study.tune.pace import CONFIRM, Pace
 from gtf_tune.study.work.worker import StudyWorker
 
-_RESERVE = 0.97
-"""Share of the time before the deadline that runs may fill."""
 
-
-@dataclass(frozen=True)
-class Minutes:
-    """What was planned for a study, what is affordable, and how fast it goes."""
-
-    plan: Plan
-    budget: Budget
-    pace: Pace
-
-    def price(self) -> RunPrice:
-        """Return what a run costs here, as planned but for the pace that was seen."""
-        slower, planned = self.pace.slowness, self.plan.price
-        return RunPrice(slower * planned.whole_s, slower * planned.repeated_s, slower * planned.verified_s)
-
-    @property
-    def free_s(self) -> float:
-        """Seconds until the models have to be written."""
-        return _RESERVE * self.pace.deadline_left_s - self.pace.slowness * self.plan.write_s
-
-    def search_is_over(self, trials_done: int) -> bool:
-        """Whether there is no time for a further trial.
-
-        Beyond the first configurations a search leaves time for a confirmation, if only a short one.
-        """
-        price = self.price()
-        least = FEWEST_CONFIRMATION_RUNS if trials_done > self.budget.first else 0
-        return self.free_s - self.budget.confirmation_s(price, least) < self.budget.trial_s(price)
-
-    def confirmation_runs(self) -> int:
-        """Return how many noisy runs a confirmation may have now; 0 where there is no time for one."""
-        return self.budget.affordable_confirmation(self.price(), self.free_s)
-
-
-def minutes_of(study: OpenStudy, plan: Plan, jobs: int, left_s: float) -> Minutes:
-    """Return what may be done in the seconds that are left for a study."""
+def pace_of(study: OpenStudy, plan: Plan, jobs: int, left_s: float) -> Pace:
+    """Return the pace of a study that has a plan and so many seconds left."""
     search = study.definition.search
     budget = Budget(left_s, jobs, len(search.first), len(search.baselines))
-    return Minutes(plan, budget, Pace(work_of(plan, budget.baselines), jobs, left_s))
+    ended = [trial for trial in trials.of_study(study.database, study.record.id) if trial.state == "complete"]
+    return Pace(plan, budget, len(ended))
 
 
 @dataclass(frozen=True)
 class Means:
     """What the phases work with.
 
-    ``minutes`` is None where the number of trials decides alone. ``announce`` gets a sentence at the beginning of each
+    ``pace`` is None where the number of trials decides alone. ``announce`` gets a sentence at the beginning of each
     phase, ``callbacks`` every event.
     """
 
@@ -84,7 +49,7 @@ class Means:
     stop: StopRequest
     callbacks: Sequence[Callback] = ()
     announce: Callable[[str], None] = lambda _: None
-    minutes: Minutes | None = None
+    pace: Pace | None = None
 
 
 def tune_through(study: OpenStudy, means: Means) -> Recommendation:
@@ -97,7 +62,7 @@ def tune_through(study: OpenStudy, means: Means) -> Recommendation:
     Interrupted
         Someone asked to stop; the next call goes on.
     """
-    if means.minutes is None or not confirmations.of_study(study.database, study.record.id):
+    if means.pace is None or not confirmations.of_study(study.database, study.record.id):
         _search(study, means)
         if not means.stop.level and not recommend(study.database, study.record).is_confirmed:
             _confirm(study, means, _candidates(study, means))
@@ -106,20 +71,29 @@ def tune_through(study: OpenStudy, means: Means) -> Recommendation:
 
 def _search(study: OpenStudy, means: Means) -> None:
     """Run the trials of the study, as many as there is time for."""
-    stop, done = StopRequest(means.stop), itertools.count(1)
+    pace, stop = means.pace, StopRequest(means.stop)
+    if pace is not None and pace.search_is_over:
+        return
 
     def watch(event: Event) -> None:
-        if isinstance(event, RunFinished) and means.minutes:
-            means.minutes.pace.run_done(reused=event.run.reused)
-        if isinstance(event, TrialFinished) and means.minutes and means.minutes.search_is_over(next(done)):
-            stop.ask(FINISH_RUNS)
+        if pace is not None:
+            _count(pace, event)
+            if isinstance(event, TrialFinished) and pace.search_is_over:
+                stop.ask(FINISH_RUNS)
 
     StudyWorker(study, means.executor, stop, [watch, *means.callbacks]).work()
 
 
+def _count(pace: Pace, event: Event) -> None:
+    if isinstance(event, RunFinished):
+        pace.run_done(reused=event.run.reused)
+    if isinstance(event, TrialFinished):
+        pace.trial_done()
+
+
 def _candidates(study: OpenStudy, means: Means) -> tuple[Trial, ...]:
     """Return the trials to confirm: the best one, as short as it can be, and the next best."""
-    top = CONFIRMED if means.minutes else DEFAULT_TOP
+    top = CONFIRMED if means.pace else DEFAULT_TOP
     known = [trial for trial in trials.of_study(study.database, study.record.id) if trial.state == "complete"]
     nominal = next((trial for trial in known if trial.number == 0), None)
     best = best_candidates(known, nominal, top) if nominal else ()
@@ -133,28 +107,34 @@ def _candidates(study: OpenStudy, means: Means) -> tuple[Trial, ...]:
 
 def _try(study: OpenStudy, means: Means, options: Mapping[str, OptionValue]) -> Trial | None:
     """Run a trial with these options; return None where there is no time for it or someone asked to stop."""
-    if means.stop.level or (means.minutes and means.minutes.search_is_over(means.minutes.budget.most_trials)):
+    pace = means.pace
+    if means.stop.level or (pace and not pace.may_shorten):
         return None
     number = enqueue(study.database, study.definition.name, options)
-    StudyWorker(study, means.executor, means.stop, means.callbacks).work()
+    watch = [lambda event: _count(pace, event)] if pace else []
+    StudyWorker(study, means.executor, means.stop, [*watch, *means.callbacks]).work()
     found = next(trial for trial in trials.of_study(study.database, study.record.id) if trial.number == number)
     return found if found.state == "complete" else None
 
 
 def _confirm(study: OpenStudy, means: Means, chosen: Sequence[Trial]) -> None:
-    noisy = means.minutes.confirmation_runs() if means.minutes else DEFAULT_RUNS
+    pace, noisy, baselines = means.pace, DEFAULT_RUNS, True
+    if pace:
+        ahead = pace.ahead
+        noisy, baselines, chosen = ahead.confirmation_runs, ahead.baselines > 0, chosen[: ahead.candidates]
     if not noisy:
         means.announce("there is no time left to confirm the outcome; give more minutes for that")
         return
     plan = plan_confirmation(study, {}, noisy_runs=noisy, chosen=chosen)
+    plan = plan if baselines else replace(plan, baselines={})
     if plan.compared:
         means.announce(f"confirm: nominal and {len(plan.compared)} more on fresh noise, {noisy} noisy runs each")
-    if means.minutes:
-        means.minutes.pace.begin("confirm")
+    if pace:
+        pace.begin(CONFIRM)
 
     def watch(event: Event) -> None:
-        if isinstance(event, RunFinished) and means.minutes:
-            means.minutes.pace.run_done(reused=event.run.reused)
+        if pace:
+            _count(pace, event)
         for callback in means.callbacks:
             callback(event)
 

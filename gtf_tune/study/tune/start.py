@@ -3,40 +3,37 @@
 import hashlib
 import itertools
 import json
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 from gtf_tune.definition import SequenceDefinition, StudyDefinition
 from gtf_tune.definition.model import name_from
-from gtf_tune.errors import RunError
-from gtf_tune.pipelines import Pipeline
 from gtf_tune.pipelines.preset_spaces import DEFAULT_TIER, preset_pipelines, preset_search, preset_space
-from gtf_tune.pipelines.run import RunRequest
-from gtf_tune.sequence import Sequence, say_notes
+from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.open_study import OpenStudy, load_defined_sequence, make_pipeline
-from gtf_tune.study.runs.plan import RunPlanner, SeedSource
-from gtf_tune.study.runs.run_source import RunSource
-from gtf_tune.study.tune.budget import CLEAN_RUNS, MOST_TRIALS, NOISY_RUNS, Budget, Plan, Reduction, RunPrice
-from gtf_tune.study.tune.handover import Configurations, scaled_to
+from gtf_tune.study.outcome.recommendation import Recommendation
+from gtf_tune.study.tune.budget import (
+    CLEAN_RUNS,
+    MOST_TRIALS,
+    NOISY_RUNS,
+    Budget,
+    Plan,
+    Reduction,
+    RunPrice,
+)
+from gtf_tune.study.tune.estimate import NOISE_SIGMA, Beginning, Estimate
+from gtf_tune.study.tune.handover import Configurations, changed_options, scaled_to
 
 TUNE_KEY = "tune"
 """Where the resolved part of a study keeps what this command planned."""
-
-NOISE_SIGMA = 0.5
-"""Noise in grey levels: what measuring it, for 14 to 30 runs, gave on nearly every sequence (docs/results.md)."""
-
-_SHORT_S = 15.0
-_FEWEST_REDUCED_FRAMES = 10
-_SMALLEST_IMAGE = 320
 
 
 @dataclass(frozen=True)
@@ -91,10 +88,8 @@ def known_tuning(database: Database, request: TuneRequest) -> Tuning | None:
     return None
 
 
-def begin_tuning(
-    database: Database, request: TuneRequest, source: RunSource, announce: Callable[[str], None]
-) -> Tuning:
-    """Time a run of nominal, plan by the minutes, create the study and queue its first trials.
+def begin_tuning(database: Database, request: TuneRequest, means: Beginning) -> Tuning:
+    """Time runs of nominal, hand its model over, plan by the minutes, create the study and queue its first trials.
 
     Raises
     ------
@@ -104,34 +99,36 @@ def begin_tuning(
     root = request.source.absolute().parent
     definition = _definition(request, _free_name(database, request))
     pipeline, first = make_pipeline(definition), definition.search.first
+    estimate = Estimate(definition, pipeline, root, means, 60 * request.minutes)
+    models, full = estimate.models()
     most = definition.search.trials or MOST_TRIALS
-    budget = Budget(60 * request.minutes, request.jobs, len(first), len(definition.search.baselines), most)
-    given = definition.sequences[0].model_dump(mode="json")
-    whole = load_defined_sequence(definition.sequences[0], root, pipeline)
-    say_notes(whole, announce)
-    full = _price(definition, pipeline, whole, source)
-    announce(f"a run with the nominal options takes {full.whole_s:.0f} s, its last stage {full.repeated_s:.0f} s")
-    budget = replace(budget, seconds=budget.seconds - full.whole_s)
-    plan = budget.plan(full)
+    budget = Budget(means.left_s(), request.jobs, len(first), len(definition.search.baselines), most)
+    plan = budget.plan(full, estimate.price)
+    definition = estimate.reduced(plan.reduction)
     if plan.reduction != Reduction():
-        selection = _selection(whole, definition.sequences[0], plan.reduction)
-        definition = _definition(request, definition.name, selection=selection)
-        reduced = load_defined_sequence(definition.sequences[0], root, pipeline)
-        announce(
-            f"{request.minutes:g} minutes buy too little on all of it: the search uses {len(reduced)} images of "
-            f"{reduced.width}x{reduced.height} pixels"
+        used = estimate.sequence(plan.reduction)
+        means.announce(
+            f"{request.minutes:g} minutes buy too little on all of it: the search uses {len(used)} images of "
+            f"{used.width}x{used.height} pixels"
         )
-        plan = budget.plan(full, _price(definition, pipeline, reduced, source), plan.reduction)
+    measured = estimate.measured(plan.reduction)
+    plan = replace(budget, seconds=means.left_s()).plan_at(full, measured, plan.reduction)
     searched = definition.search.model_copy(update={"trials": plan.trials - len(first)})
-    resolved = {TUNE_KEY: {**request.identity, "minutes": request.minutes, "plan": asdict(plan), "whole": given}}
-    study = create_study(database, definition.model_copy(update={"search": searched}), root, resolved=resolved)
+    stored = {"minutes": request.minutes, "plan": asdict(plan), "whole": estimate.whole_given, "models": models}
+    study = create_study(
+        database,
+        definition.model_copy(update={"search": searched}),
+        root,
+        resolved={TUNE_KEY: {**request.identity, **stored}},
+    )
     return Tuning(studies.get(database, study.name), plan)
 
 
-def whole_sequence(study: OpenStudy) -> Sequence:
+def whole_sequence(study: OpenStudy, part: Literal["whole", "models"] = "whole") -> Sequence:
     """Return the first sequence of a study with all frames that were asked for, at full size.
 
-    `gtf-tune tune` may have searched on fewer and smaller images than it was given.
+    `gtf-tune tune` may have searched on fewer and smaller images than it was given, and may have made its ``models`` of
+    such ones.
 
     Raises
     ------
@@ -140,17 +137,17 @@ def whole_sequence(study: OpenStudy) -> Sequence:
     """
     tuned = study.record.resolved.get(TUNE_KEY)
     if tuned:
-        given = SequenceDefinition.model_validate(tuned["whole"])
+        given = SequenceDefinition.model_validate(tuned.get(part, tuned["whole"]))
     else:
         given = study.definition.searched_sequences[0].model_copy(update={"max_image_size": None})
     return load_defined_sequence(given, Path(study.record.root), study.pipeline)
 
 
-def configurations_of(study: OpenStudy, chosen: Trial | None, whole: Sequence) -> Configurations:
+def configurations_of(study: OpenStudy, chosen: Trial | None, whole: Sequence, label: str = "") -> Configurations:
     """Return the configuration of a trial, as the adopted one, and the nominal one, for the whole sequence.
 
     Without a trial both are nominal. Options in pixels that differ from nominal are scaled where the search ran on
-    smaller images.
+    smaller images than those that are stored; COLMAP counts in pixels of these, however it reduces them.
     """
     fixed, nominal = study.definition.fixed_options, study.space.nominal
     searched = next(iter(study.sequences.values()))
@@ -158,14 +155,23 @@ def configurations_of(study: OpenStudy, chosen: Trial | None, whole: Sequence) -
     defaults = {name: spec.default for name, spec in study.pipeline.options.specs.items()}
     usual = {**defaults, **fixed, **nominal}
     changed = {name: value for name, value in (trial or nominal).items() if value != usual[name]}
-    factor = max(whole.width, whole.height) / max(searched.width, searched.height)
+    factor = max(whole.stored_size) / max(searched.width, searched.height)
     is_baseline = chosen is not None and chosen.number < 0
     pixels = frozenset() if is_baseline else _in_pixels(study.definition.pipeline.name)  # people use it at full size
     adopted = {**nominal, **scaled_to(changed, pixels, factor)}
-    both = ({**fixed, **adopted}, {**fixed, **nominal})
-    return Configurations(
-        *({name: options[name] for name in options if options[name] != defaults[name]} for options in both)
-    )
+    both = [changed_options(study.pipeline, {**fixed, **options}) for options in (adopted, nominal)]
+    return Configurations(both[0], both[1], label=label)
+
+
+def recommended(study: OpenStudy, found: Recommendation, whole: Sequence) -> Configurations:
+    """Return the configurations that a recommendation leads to: only what was adopted takes the place of nominal."""
+    configurations = configurations_of(study, found.trial, whole)
+    if found.decision == "adopt":
+        return replace(configurations, label=f"ADOPTED options, confirmed on fresh noise. {found.text}")
+    nominal = replace(configurations, adopted=configurations.nominal, label=f"NOMINAL options. {found.text}")
+    if found.decision != "unconfirmed" or configurations.adopted == configurations.nominal:
+        return nominal
+    return replace(nominal, unconfirmed=configurations.adopted)
 
 
 def _in_pixels(pipeline: str) -> frozenset[str]:
@@ -203,56 +209,6 @@ def _preset_axes(request: TuneRequest) -> Mapping[str, Any]:
     if request.pipeline not in preset_pipelines() and request.sections.get("space"):
         return {}
     return preset_space(request.pipeline).axes(request.tier)
-
-
-def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reduction) -> dict[str, Any]:
-    """Return the frames and the size of a reduced search; few frames and small images stay as they are."""
-    longer = max(sequence.width, sequence.height)
-    stride = min(round(1 / reduction.frames), max(len(sequence) // _FEWEST_REDUCED_FRAMES, 1))
-    return {
-        "max_image_size": max(round(longer * reduction.size), min(longer, _SMALLEST_IMAGE)),
-        "stride": stride * (given.stride or 1),
-    }
-
-
-def _price(definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, source: RunSource) -> RunPrice:
-    """Return what a run costs, from the first run of the nominal trial, which is stored for it.
-
-    The first noisy run is timed as well where that run found stages at hand, or is so short that the start of the
-    executor rules it.
-
-    Raises
-    ------
-    RunError
-        The run failed.
-    """
-    planner = RunPlanner(pipeline, definition.gtf, SeedSource(definition.search.seed), definition.fixed_options)
-    clean, noisy = (
-        planner.request(sequence, {}, (kind, 0), sigma=_sigma(definition), number=0) for kind in ("clean", "noisy")
-    )
-    found = _timed(clean, source)
-    if found["wall"] < _SHORT_S or any(found[name] for name in found if name.endswith("_cached")):
-        other = _timed(noisy, source)
-        found = {name: max(found.get(name, 0.0), seconds) for name, seconds in other.items()} | {"wall": other["wall"]}
-    stages = {name: seconds for name, seconds in found.items() if name.endswith("_s")}
-    whole = max(found["wall"], sum(stages.values()))
-    matched = sum(stages.get(f"{stage}_s", 0.0) for stage in ("images", "features", "matches"))
-    around = whole - sum(stages.values())  # starting a process and reading its packages
-    return RunPrice(whole, stages["mapping_s"] + around if "mapping_s" in stages else whole, whole - matched)
-
-
-def _sigma(definition: StudyDefinition) -> float:
-    return NOISE_SIGMA if isinstance(definition.gtf.noise_sigma, str) else definition.gtf.noise_sigma
-
-
-def _timed(request: RunRequest, source: RunSource) -> dict[str, float]:
-    """Return the times of a run: the ``wall`` time with what surrounds it, and what its pipeline says of its stages."""
-    began = time.monotonic()
-    run = source.obtain([request])[0]
-    if run.stored.error:
-        raise RunError(f"the nominal options do not work on '{request.sequence.name}': {run.stored.error}")
-    said = {name: float(value) for name, value in run.stored.diagnostics.items() if name.endswith(("_s", "_cached"))}
-    return {**said, "wall": run.stored.wall_s if run.reused else time.monotonic() - began}
 
 
 def _plan_from(stored: Mapping[str, Any]) -> Plan:

@@ -5,68 +5,113 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gtf_tune.study.tune.budget import (
+    AROUND_S,
     FEWEST_CONFIRMATION_RUNS,
+    FEWEST_TRIALS,
+    MOST_CONFIRMATION_RUNS,
     MOST_TRIALS,
     REDUCTIONS,
     Budget,
+    Plan,
     Reduction,
     RunPrice,
 )
 
 FIRST = 7
+SMALL = RunPrice(1.0, 0.3)
 
 
 def budget(minutes: float, jobs: int = 1) -> Budget:
     return Budget(60 * minutes, jobs, FIRST)
 
 
-def test_time_without_end_buys_everything_on_all_images() -> None:
-    plan = budget(10_000).plan(RunPrice(10.0, 3.0))
+def plan(minutes: float, price: RunPrice, jobs: int = 1) -> Plan:
+    """Return the plan where prices go with the number of pixels."""
+    return budget(minutes, jobs).plan(price, lambda to: price.times(to.frames * to.size**2))
 
-    assert (plan.trials, plan.reduction) == (MOST_TRIALS, Reduction())
+
+def test_time_without_end_buys_everything_on_all_images() -> None:
+    found = plan(10_000, RunPrice(10.0, 3.0))
+
+    assert (found.trials, found.reduction) == (MOST_TRIALS, Reduction())
+    assert found.confirmation_runs == MOST_CONFIRMATION_RUNS
 
 
 def test_too_little_time_shrinks_the_images_first_and_then_takes_fewer() -> None:
     price = RunPrice(60.0, 15.0)
 
-    assert [budget(minutes).plan(price).reduction for minutes in (60, 20, 6, 2)] == list(REDUCTIONS)
+    assert [plan(minutes, price).reduction for minutes in (40, 15, 4, 1)] == list(REDUCTIONS)
 
 
-def test_the_first_configurations_are_tried_even_where_there_is_no_time_for_more() -> None:
-    plan = budget(0.1).plan(RunPrice(60.0, 15.0))
+def test_little_time_shortens_the_search_then_the_confirmation_and_then_leaves_it_out() -> None:
+    bought = [budget(minutes).plan_at(SMALL, RunPrice(20.0, 6.0), REDUCTIONS[3]) for minutes in (60, 17, 8, 5)]
 
-    assert (plan.trials, plan.confirmation_runs) == (1 + FIRST, 0)
+    assert (bought[0].trials, bought[0].confirmation_runs) == (MOST_TRIALS, MOST_CONFIRMATION_RUNS)
+    assert FIRST < bought[1].trials < MOST_TRIALS
+    assert FEWEST_CONFIRMATION_RUNS < bought[1].confirmation_runs < MOST_CONFIRMATION_RUNS
+    assert FEWEST_TRIALS <= bought[2].trials <= 1 + FIRST
+    assert bought[2].confirmation_runs == FEWEST_CONFIRMATION_RUNS
+    assert bought[3].confirmation_runs == 0
 
 
-def test_more_jobs_buy_more_trials() -> None:
+def test_a_large_second_reconstruction_is_paid_before_the_search() -> None:
+    small, large = (
+        budget(20).plan_at(RunPrice(0.0, second_s), RunPrice(2.0, 1.0), REDUCTIONS[3]) for second_s in (10.0, 850.0)
+    )
+
+    assert large.trials < small.trials
+    assert large.write_s == pytest.approx(850.0 + AROUND_S)
+    assert large.seconds <= 20 * 60
+
+
+def test_more_jobs_buy_more_trials_but_not_beyond_the_runs_of_one() -> None:
     price = RunPrice(10.0, 4.0)
 
-    assert budget(15, jobs=2).plan(price).trials > budget(15).plan(price).trials
+    bought = [budget(7, jobs).plan_at(SMALL, price, Reduction()).trials for jobs in (1, 2, 4, 64)]
+    assert bought[0] < bought[1] < bought[2]
+    assert budget(12, 64).trial_s(price) == budget(12, 4).trial_s(price)
 
 
-def test_a_measured_price_keeps_the_reduction_that_it_was_measured_on() -> None:
-    plan = budget(30).plan(RunPrice(100.0, 40.0), RunPrice(8.0, 2.0), REDUCTIONS[3])
+def test_what_is_left_is_planned_anew_after_trials_that_took_longer() -> None:
+    as_planned, slower = (
+        budget(30).ahead(RunPrice(20.0, repeated_s), SMALL, 900.0, (MOST_TRIALS, 8), done=9)
+        for repeated_s in (4.0, 8.0)
+    )
 
-    assert plan.reduction == REDUCTIONS[3]
-    assert plan.write_s == pytest.approx(200.0)
+    assert slower.trials < as_planned.trials
+    assert (as_planned.confirmation_runs, slower.confirmation_runs) == (8, 8)
 
 
-@given(st.floats(1, 600), st.integers(1, 16), st.floats(1, 300), st.floats(0.01, 1))
+@given(
+    st.floats(1, 600),
+    st.integers(1, 16),
+    st.floats(1, 300),
+    st.floats(0.01, 1),
+    st.floats(0, 1),
+    st.sampled_from(REDUCTIONS),
+)
 def test_a_plan_with_a_confirmation_ends_within_the_minutes(
-    minutes: float, jobs: int, whole_s: float, share: float
+    minutes: float, jobs: int, whole_s: float, share: float, written: float, reduction: Reduction
 ) -> None:
-    plan = budget(minutes, jobs).plan(RunPrice(whole_s, share * whole_s))
+    price, full = RunPrice(whole_s, share * whole_s), RunPrice(60 * minutes, 60 * minutes * written)
 
-    assert plan.trials >= 1 + FIRST
-    if plan.confirmation_runs:
-        assert plan.confirmation_runs >= FEWEST_CONFIRMATION_RUNS
-        assert plan.seconds <= 60 * minutes
+    found = budget(minutes, jobs).plan_at(full, price, reduction)
+
+    if found.confirmation_runs:
+        assert found.confirmation_runs >= FEWEST_CONFIRMATION_RUNS
+        assert found.seconds <= 60 * minutes
 
 
 @given(st.floats(1, 600), st.floats(1, 300), st.floats(0.01, 1))
 def test_more_minutes_never_buy_fewer_images(minutes: float, whole_s: float, share: float) -> None:
     price = RunPrice(whole_s, share * whole_s)
 
-    less, more = budget(minutes).plan(price).reduction, budget(2 * minutes).plan(price).reduction
+    less, more = plan(minutes, price).reduction, plan(2 * minutes, price).reduction
 
     assert REDUCTIONS.index(more) <= REDUCTIONS.index(less)
+
+
+def test_a_price_between_two_known_ones_follows_their_power() -> None:
+    middle = RunPrice(1.0, 0.1, 0.0).between(RunPrice(100.0, 10.0, 4.0), 0.5)
+
+    assert (middle.whole_s, middle.repeated_s, middle.verified_s) == pytest.approx((10.0, 1.0, 2.0))

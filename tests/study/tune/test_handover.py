@@ -15,6 +15,7 @@ from gtf_tune.metrics import ate
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.study.tune.handover import Configurations, Handover, check_output, hand_over, write_scripts
+from gtf_tune.study.tune.reconstruct import TooSlow, Workshop
 from gtf_tune.trajectory import read_trajectory
 from tests.pipelines.conftest import make_scene
 
@@ -29,8 +30,16 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
 
 @pytest.fixture(scope="module")
 def handover(scene: Sequence, tmp_path_factory: pytest.TempPathFactory) -> Handover:
+    """Hand nominal over and then what was adopted, as `gtf-tune tune` does."""
     folder = tmp_path_factory.mktemp("here") / "scene-tuned"
-    return hand_over(folder, scene, create_pipeline("glomap"), Configurations(ADOPTED, FIXED), check=True)
+    workshop = Workshop(scene, create_pipeline("glomap"))
+    hand_over(folder, workshop, Configurations(FIXED, FIXED, label="NOMINAL so far"), is_last=False)
+    assert list(folder.glob("matches-*.db"))
+    assert (folder / "README.txt").read_text().startswith("sparse/0, options.json, run.sh,")
+    assert "NOMINAL so far" in (folder / "run.sh").read_text()
+    assert (folder / "sparse" / "0" / "points3D.bin").is_file()
+    configurations = Configurations(ADOPTED, FIXED, label="ADOPTED options")
+    return hand_over(folder, workshop, configurations, check_until=math.inf)
 
 
 @pytest.fixture
@@ -89,7 +98,62 @@ def test_scripts_alone_are_those_of_the_whole_handover(folder: Path, scene: Sequ
 
     written = {path.name: path.read_text() for path in (tmp_path / "scripts").iterdir()}
     assert set(written) >= {"run.py", "run.sh", "options.json", "options-nominal.json", "images.txt"}
-    assert all((folder / name).read_text() == text for name, text in written.items())
+    same = set(written) - {"README.txt", "run.sh", ".gtf-tune.json"}  # which say what the options are
+    assert all((folder / name).read_text() == written[name] for name in same)
+
+
+def test_what_is_not_confirmed_is_never_where_the_adopted_model_is(scene: Sequence, tmp_path: Path) -> None:
+    workshop, said = Workshop(scene, create_pipeline("glomap")), list[str]()
+    workshop.announce = said.append
+    nominal = Configurations(FIXED, FIXED, label="NOMINAL options. Trial 3 is the best so far; not confirmed yet")
+
+    for configurations in (nominal, replace(nominal, unconfirmed=ADOPTED)):
+        hand_over(tmp_path / "out", workshop, configurations, is_last=False)
+
+    out = tmp_path / "out"
+    assert [text.partition(" images with the ")[2] for text in said] == ["nominal options", "options of the best trial"]
+    poses = {name: _bytes(out / name) for name in ("sparse", "sparse-nominal", "sparse-unconfirmed")}
+    assert poses["sparse"] == poses["sparse-nominal"] != poses["sparse-unconfirmed"]
+    assert (out / "options.json").read_text() == (out / "options-nominal.json").read_text()
+    assert (out / "README.txt").read_text().splitlines()[:2] == [
+        "sparse/0, options.json, run.sh, trajectory.txt, transforms.json: NOMINAL options. Trial 3 is the best so far; "
+        "not confirmed yet",
+        "sparse-unconfirmed/0, options-unconfirmed.json: best trial of the search, NOT CONFIRMED on fresh noise.",
+    ]
+
+
+def _bytes(model: Path) -> bytes:
+    return (model / "0" / "points3D.bin").read_bytes()
+
+
+def test_a_best_trial_that_cannot_reconstruct_leaves_nominal_and_says_so(scene: Sequence, tmp_path: Path) -> None:
+    hopeless = {**FIXED, "extraction.sift.max_num_features": 2}
+
+    done = hand_over(tmp_path / "out", Workshop(scene, create_pipeline("glomap")), Configurations(hopeless, FIXED))
+
+    assert "NOMINAL options. The best trial is not handed over:" in done.label
+    assert " ".join(done.label.split()) in (tmp_path / "out" / "README.txt").read_text()
+    assert json.loads((tmp_path / "out" / "options.json").read_text())["mapper"].keys() == {"bundle_adjustment"}
+    assert _bytes(tmp_path / "out" / "sparse") == _bytes(tmp_path / "out" / "sparse-nominal")
+
+
+def test_a_reconstruction_ends_when_its_time_is_up(scene: Sequence, tmp_path: Path) -> None:
+    workshop = Workshop(scene, create_pipeline("glomap"), timeout_s=0.1)
+
+    with pytest.raises(TooSlow, match="longer than 0 s"):
+        hand_over(tmp_path / "out", workshop, Configurations(FIXED, FIXED))
+
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_models_of_reduced_images_say_so(scene: Sequence, tmp_path: Path) -> None:
+    small = replace(scene, width=scene.width // 2, height=scene.height // 2, camera=None)
+
+    write_scripts(tmp_path / "out", small, create_pipeline("glomap"), Configurations(FIXED, FIXED))
+
+    options = json.loads((tmp_path / "out" / "options.json").read_text())
+    assert options["extraction"] == {"max_image_size": max(small.width, small.height)}
+    assert f"reduced to {small.width}x{small.height} pixels" in (tmp_path / "out" / "README.txt").read_text()
 
 
 def test_nothing_that_only_served_the_making_is_left(folder: Path) -> None:

@@ -1,0 +1,234 @@
+"""Estimate what runs cost, on few small images first, and make the nominal model, the first outcome of tuning."""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from gtf_tune.definition import SequenceDefinition, StudyDefinition
+from gtf_tune.errors import RunError
+from gtf_tune.pipelines import Pipeline
+from gtf_tune.pipelines.run import RunRequest
+from gtf_tune.sequence import Sequence, say_notes
+from gtf_tune.study.open_study import load_defined_sequence
+from gtf_tune.study.runs.plan import RunPlanner, SeedSource
+from gtf_tune.study.runs.run_source import RunSource
+from gtf_tune.study.search.space import build_space
+from gtf_tune.study.tune.budget import REDUCTIONS, Reduction, RunPrice
+from gtf_tune.study.tune.handover import Configurations, changed_options, hand_over, makes_models
+from gtf_tune.study.tune.reconstruct import TooSlow, Workshop
+
+NOISE_SIGMA = 0.5
+"""Noise in grey levels: what measuring it, for 14 to 30 runs, gave on nearly every sequence (docs/results.md)."""
+
+_STAGES = ("images", "features", "matches", "geometry", "calibration", "positioning", "mapping")
+_MAPPING = _STAGES[-1]
+_SHORT_S = 15.0
+_MODEL_SHARE = 0.4
+"""Part of the time that the nominal reconstruction may be expected to take, ..."""
+_OVERRUN = 1.4
+"""... and how many times as long it may take in the end."""
+_PRICE_EXPONENT = 1.0
+"""With what power of the number of pixels times of runs grow, where one size is measured only."""
+_FEWEST_REDUCED_FRAMES = 10
+_SMALLEST_IMAGE = 320
+
+
+@dataclass(frozen=True)
+class Beginning:
+    """What timing and planning work with: runs, the folder of the outcome, and the seconds that are left."""
+
+    source: RunSource
+    folder: Path
+    left_s: Callable[[], float]
+    announce: Callable[[str], None]
+
+
+@dataclass
+class Estimate:
+    """Prices of runs, measured on few small images first, and the nominal model as the first outcome."""
+
+    definition: StudyDefinition
+    pipeline: Pipeline
+    root: Path
+    means: Beginning
+    seconds: float
+    _measured: dict[Reduction, RunPrice] = field(default_factory=dict)
+    _guessed: dict[Reduction, RunPrice] = field(default_factory=dict)
+
+    @cached_property
+    def whole(self) -> Sequence:
+        """All images at full size."""
+        return load_defined_sequence(self.definition.sequences[0], self.root, self.pipeline)
+
+    @property
+    def whole_given(self) -> dict[str, Any]:
+        """All images, as the definition names them."""
+        return self.definition.sequences[0].model_dump(mode="json")
+
+    def reduced(self, reduction: Reduction) -> StudyDefinition:
+        """Return the definition on fewer and smaller images."""
+        given = self.definition.sequences[0]
+        selection = _selection(self.whole, given, reduction) if reduction != Reduction() else {}
+        changed = SequenceDefinition.model_validate({**given.model_dump(), **selection})
+        return self.definition.model_copy(update={"sequences": [changed, *self.definition.sequences[1:]]})
+
+    def sequence(self, reduction: Reduction) -> Sequence:
+        """Return the images that a search on fewer and smaller ones uses."""
+        if reduction == Reduction():
+            return self.whole
+        return load_defined_sequence(self.reduced(reduction).sequences[0], self.root, self.pipeline)
+
+    def models(self) -> tuple[dict[str, Any], RunPrice]:
+        """Return of which images models are made, and what they cost; the nominal one is handed over here.
+
+        Images that would take too large a part of the time are reduced.
+        """
+        say_notes(self.whole, self.means.announce)
+        if not makes_models(self.pipeline.name):
+            return self.whole_given, replace(self.measured(Reduction()), repeated_s=0.0)
+        pilot = self._pilot()
+        shares = [(reduction, _MODEL_SHARE * self.seconds) for reduction in (Reduction(), pilot)]
+        for reduction, limit_s in shares:
+            if reduction == pilot or self.price(reduction).whole_s <= limit_s:
+                given = self.reduced(reduction).sequences[0].model_dump(mode="json")
+                try:
+                    return given, self._hand_over_nominal(reduction, None if reduction == pilot else _OVERRUN * limit_s)
+                except TooSlow:
+                    pass
+            self.means.announce(
+                f"two reconstructions of all {len(self.whole)} images at full size take too large a part of the time; "
+                "the models are made of fewer and smaller ones; give more minutes for all of it"
+            )
+        raise AssertionError("the pilot has no limit")
+
+    def measured(self, reduction: Reduction) -> RunPrice:
+        """Return what a run of nominal costs there; it is stored for the nominal trial."""
+        if reduction not in self._measured:
+            price = _price(self.definition, self.pipeline, self.sequence(reduction), self.means.source)
+            self._measured[reduction] = price
+            self.means.announce(
+                f"a run with the nominal options on {self._shown(reduction)} takes {price.whole_s:.0f} s, what a "
+                f"configuration repeats of it {price.repeated_s:.0f} s"
+            )
+        return self._measured[reduction]
+
+    def price(self, reduction: Reduction) -> RunPrice:
+        """Return the price there as far as it is known, else estimated by the number of pixels."""
+        if reduction in self._measured:
+            return self._measured[reduction]
+        known = [(self._pixels(other), price) for other, price in {**self._guessed, **self._measured}.items()]
+        known.sort(key=lambda pair: pair[0])
+        (few, low), pixels = known[0], self._pixels(reduction)
+        if len(known) == 1:
+            return low.times((pixels / few) ** _PRICE_EXPONENT)
+        most, high = known[-1]
+        return low.between(high, math.log(pixels / few) / math.log(most / few)) if most > few else low
+
+    def _shown(self, reduction: Reduction) -> str:
+        used = self.sequence(reduction)
+        return f"{len(used)} images of {used.width}x{used.height} pixels"
+
+    def _pixels(self, reduction: Reduction) -> int:
+        used = self.sequence(reduction)
+        return len(used) * used.width * used.height
+
+    def _pilot(self) -> Reduction:
+        """Return the strongest reduction on which nominal works, with its price measured."""
+        for reduction in reversed(REDUCTIONS):
+            try:
+                self.measured(reduction)
+            except RunError:
+                if reduction == Reduction():
+                    raise
+            else:
+                return reduction
+        raise AssertionError("the last of them is no reduction")
+
+    def _hand_over_nominal(self, reduction: Reduction, timeout_s: float | None) -> RunPrice:
+        """Return what a second model costs, from the nominal one, which is handed over."""
+        used = self.sequence(reduction)
+        space = build_space(self.definition, self.pipeline.options)
+        options = changed_options(self.pipeline, {**self.definition.fixed_options, **space.nominal})
+        workshop = Workshop(used, self.pipeline, self.means.announce, timeout_s)
+        configurations = Configurations(options, options, label="NOMINAL options (tuning has not ended).")
+        made = hand_over(self.means.folder, workshop, configurations, is_last=False).nominal
+        self.means.announce(
+            f"the nominal model of {len(used)} images is in {self.means.folder}; it took {made.whole_s:.0f} s"
+        )
+        only_maps = _earliest_stage(self.definition, self.pipeline) == _MAPPING
+        price = RunPrice(made.whole_s, made.mapping_s if only_maps else made.whole_s, self.price(reduction).verified_s)
+        self._guessed[reduction] = price
+        return price
+
+
+def _earliest_stage(definition: StudyDefinition, pipeline: Pipeline) -> str:
+    """Return the first stage that the searched options change."""
+    stages = {pipeline.options.specs[name].stage for name in definition.space}
+    return next((stage for stage in _STAGES if stage in stages), _MAPPING)
+
+
+def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reduction) -> dict[str, Any]:
+    """Return the frames and the size of a reduced search; few frames and small images stay as they are."""
+    longer = max(sequence.width, sequence.height)
+    stride = min(round(1 / reduction.frames), max(len(sequence) // _FEWEST_REDUCED_FRAMES, 1))
+    return {
+        "max_image_size": max(round(longer * reduction.size), min(longer, _SMALLEST_IMAGE)),
+        "stride": stride * (given.stride or 1),
+    }
+
+
+def _price(definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, source: RunSource) -> RunPrice:
+    """Return what a run costs, from the first run of the nominal trial, which is stored for it.
+
+    The first noisy run is timed as well where that run found stages at hand, or is so short that the start of the
+    executor rules it.
+
+    Raises
+    ------
+    RunError
+        The run failed.
+    """
+    planner = RunPlanner(pipeline, definition.gtf, SeedSource(definition.search.seed), definition.fixed_options)
+    clean, noisy = (
+        planner.request(sequence, {}, (kind, 0), sigma=_sigma(definition), number=0) for kind in ("clean", "noisy")
+    )
+    found = _timed(clean, source)
+    if found["wall"] < _SHORT_S or any(found[name] for name in found if name.endswith("_cached")):
+        other = _timed(noisy, source)
+        found = {name: max(found.get(name, 0.0), seconds) for name, seconds in other.items()} | {"wall": other["wall"]}
+    return price_of_stages(found, _earliest_stage(definition, pipeline))
+
+
+def price_of_stages(found: Mapping[str, float], earliest: str) -> RunPrice:
+    """Return what a run costs whose configuration repeats all from the ``earliest`` stage on.
+
+    ``found`` has the seconds of each stage (``matches_s``) and the ``wall`` time of all; what is around the stages,
+    starting a process and reading its packages, every run pays.
+    """
+    stages = {name.removesuffix("_s"): seconds for name, seconds in found.items() if name.endswith("_s")}
+    whole = max(found["wall"], sum(stages.values()))
+    if _MAPPING not in stages:
+        return RunPrice(whole, whole, whole)
+
+    def without(*cached: str) -> float:
+        return whole - sum(stages.get(stage, 0.0) for stage in cached)
+
+    return RunPrice(whole, without(*_STAGES[: _STAGES.index(earliest)]), without(*_STAGES[: _STAGES.index("geometry")]))
+
+
+def _sigma(definition: StudyDefinition) -> float:
+    return NOISE_SIGMA if isinstance(definition.gtf.noise_sigma, str) else definition.gtf.noise_sigma
+
+
+def _timed(request: RunRequest, source: RunSource) -> dict[str, float]:
+    """Return the times of a run: the ``wall`` time with what surrounds it, and what its pipeline says of its stages."""
+    began = time.monotonic()
+    run = source.obtain([request])[0]
+    if run.stored.error:
+        raise RunError(f"the nominal options do not work on '{request.sequence.name}': {run.stored.error}")
+    said = {name: float(value) for name, value in run.stored.diagnostics.items() if name.endswith(("_s", "_cached"))}
+    return {**said, "wall": run.stored.wall_s if run.reused else time.monotonic() - began}
