@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Literal
 
 from gtf_tune.definition import SequenceDefinition, StudyDefinition
@@ -179,9 +178,7 @@ def _in_pixels(pipeline: str) -> frozenset[str]:
     return frozenset(option.name for option in options if option.unit == "pixels")
 
 
-def _definition(
-    request: TuneRequest, name: str, selection: Mapping[str, Any] = MappingProxyType({})
-) -> StudyDefinition:
+def _definition(request: TuneRequest, name: str) -> StudyDefinition:
     given = request.sections
     space = {**_preset_axes(request), **given.get("space", {})}
     sequences = given.get("sequences") or [{"name": name_from(request.source.stem), "path": request.source.name}]
@@ -194,7 +191,7 @@ def _definition(
             **given,
             "name": name,
             "pipeline": {"name": request.pipeline, **given.get("pipeline", {})},
-            "sequences": [{**sequence, **selection} for sequence in sequences],
+            "sequences": sequences,
             "space": space,
             "search": search,
             "gtf": {**runs, **given.get("gtf", {})},
