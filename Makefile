@@ -7,7 +7,7 @@ JOBS ?= 2
 NEWEST ?= >=3.12
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-lowest test-newest check bench experiments soak format lock clean
+.PHONY: help setup demo test test-lowest test-newest check bench experiments paper soak format lock clean
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*## "} {printf "  make %-12s %s\n", $$1, $$2}'
@@ -57,6 +57,9 @@ bench: setup ## Measure side by side and rewrite docs/performance.md
 
 experiments: setup ## Run the paper's experiments (hours; resumable) and rewrite docs/results.md
 	$(BIN)/python -m experiments
+
+paper: setup ## Make the paper's figures beside ours and docs/paper.md (resumable; DATA=DIR: its own data sets)
+	$(BIN)/python -m experiments.paper $(if $(DATA),--data $(DATA))
 
 soak: setup ## Inject faults for a long time
 	$(BIN)/python -m pytest -m soak tests/faults

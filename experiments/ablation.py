@@ -7,7 +7,7 @@ from experiments.plan import OPTIONS, ROOM, SIGMAS, Experiment, Option
 
 SEQUENCES = (ROOM, "dtu-scan24")
 
-_PAIRS: Mapping[str, tuple[str, tuple[float, float]]] = {
+_PAIRS: Mapping[str, tuple[str, tuple[float, ...]]] = {
     "Th. max angle error": ("mapper.max_angular_reproj_error_deg", (0.3, 3.0)),
     "Th. min triangulation angle": ("mapper.min_tri_angle_deg", (0.3, 3.0)),
     "Th. max rotation error": ("mapper.rotation_averaging.max_rotation_error_deg", (3.0, 30.0)),
@@ -30,6 +30,11 @@ WITHOUT_SUCCESSOR = (
     "SIFT ext. dsp max scale and dsp min scale (only with domain-size pooling, off by default)",
     "Th. min inlier num (the same option as 2V geom. min num inliers now)",
 )
+
+
+def pairs() -> Mapping[str, tuple[str, tuple[float, ...]]]:
+    """Return the options that the ablation adds to those of table 2, and the ends of their grids, by paper's name."""
+    return _PAIRS
 
 
 def ablation(found: Mapping[str, Path]) -> list[Experiment]:

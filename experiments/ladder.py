@@ -79,7 +79,7 @@ def read_ladder(database: Database, folders: Mapping[str, Path], name: str) -> L
     """
     sequence = _frames_of(name, folders)
     seen: list[list[Trajectory]] = []
-    scale = _probe().measure(sequence, _only_stored(database, seen))
+    scale = _probe().measure(sequence, only_stored(database, seen))
     # The first group holds the clean runs; each further one is a level.
     return ladder_of(name, scale, [_mean_ate(sequence, level) for level in seen[1:]])
 
@@ -92,7 +92,9 @@ def _probe() -> NoiseProbe:
     return NoiseProbe(create_pipeline("glomap"), dict(FIXED), GtfDefinition(), runs=RUNS, ladder=SIGMAS)
 
 
-def _only_stored(database: Database, seen: list[list[Trajectory]]) -> ObtainRuns:
+def only_stored(database: Database, seen: list[list[Trajectory]]) -> ObtainRuns:
+    """Return a way to obtain stored runs only, which appends the trajectories of each call to ``seen``."""
+
     def obtain(requests: Sequence[RunRequest]) -> SequenceRuns:
         keys = [request.key for request in requests]
         stored = runs.find(database, keys)

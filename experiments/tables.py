@@ -11,7 +11,7 @@ from experiments.joint import Joint, sweeps_of
 from experiments.k_delta import Curve, picks
 from experiments.ladder import Ladder
 from experiments.numbers import Table, mean, percent, plain, share, significant
-from experiments.paper import ROWS
+from experiments.paper.numbers import ROWS
 from experiments.plan import AGGREGATE, OPTIONS, TRUTHS, UNKNOWN_TRUTH
 from experiments.settings import AGGREGATES, PREDICTORS, Outcome, Setting
 from experiments.unseen import SCORERS, share_on_unseen
