@@ -7,7 +7,7 @@ then the confirmation.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 CLEAN_RUNS = 1
@@ -136,15 +136,15 @@ class Budget:
     candidates: int = CONFIRMED
     most_trials: int = MOST_TRIALS
 
-    def plan(self, full: RunPrice, price_of: Callable[[Reduction], RunPrice]) -> Plan:
-        """Return the plan on as many and as large images as the time allows.
+    def plan(
+        self, full: RunPrice, price_of: Callable[[Reduction], RunPrice], usable: Sequence[Reduction] = REDUCTIONS
+    ) -> Plan:
+        """Return the plan on as many and as large images as the time allows, of those that are ``usable``.
 
         ``full`` is the price on the images of the written models, ``price_of`` returns that of a run in the search.
         """
-        plans = (self.plan_at(full, price_of(reduction), reduction) for reduction in REDUCTIONS)
-        return next((plan for plan in plans if self._fits(plan)), None) or self.plan_at(
-            full, price_of(REDUCTIONS[-1]), REDUCTIONS[-1]
-        )
+        plans = [self.plan_at(full, price_of(reduction), reduction) for reduction in usable]
+        return next((plan for plan in plans if self._fits(plan)), plans[-1])
 
     def plan_at(self, full: RunPrice, price: RunPrice, reduction: Reduction) -> Plan:
         """Return the plan for a search on reduced images whose price is known."""

@@ -10,6 +10,7 @@ from typing import Any
 
 from gtf_tune.definition import SequenceDefinition, StudyDefinition
 from gtf_tune.errors import RunError
+from gtf_tune.metrics import AteSettings, pairwise_matrix
 from gtf_tune.pipelines import Pipeline
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Sequence, say_notes
@@ -20,6 +21,7 @@ from gtf_tune.study.search.space import build_space
 from gtf_tune.study.tune.budget import REDUCTIONS, Reduction, RunPrice
 from gtf_tune.study.tune.handover import Configurations, changed_options, hand_over, makes_models
 from gtf_tune.study.tune.reconstruct import TooSlow, Workshop
+from gtf_tune.trajectory import Trajectory
 
 NOISE_SIGMA = 0.5
 """Noise in grey levels: what measuring it, for 14 to 30 runs, gave on nearly every sequence (docs/results.md)."""
@@ -31,6 +33,9 @@ _MODEL_SHARE = 0.4
 """Part of the time that the nominal reconstruction may be expected to take, ..."""
 _OVERRUN = 1.4
 """... and how many times as long it may take in the end."""
+_GOOD_COVERAGE = 0.9
+_MISLEADING = 0.1
+"""How far, as a fraction of the extent, nominal on reduced images may be from its model."""
 _PRICE_EXPONENT = 1.0
 """With what power of the number of pixels times of runs grow, where one size is measured only."""
 _FEWEST_REDUCED_FRAMES = 10
@@ -58,6 +63,8 @@ class Estimate:
     seconds: float
     _measured: dict[Reduction, RunPrice] = field(default_factory=dict)
     _guessed: dict[Reduction, RunPrice] = field(default_factory=dict)
+    _clean: dict[Reduction, Trajectory] = field(default_factory=dict)
+    _model: Trajectory | None = None
 
     @cached_property
     def whole(self) -> Sequence:
@@ -108,13 +115,27 @@ class Estimate:
     def measured(self, reduction: Reduction) -> RunPrice:
         """Return what a run of nominal costs there; it is stored for the nominal trial."""
         if reduction not in self._measured:
-            price = _price(self.definition, self.pipeline, self.sequence(reduction), self.means.source)
-            self._measured[reduction] = price
+            price, clean = _price(self.definition, self.pipeline, self.sequence(reduction), self.means.source)
+            self._measured[reduction], self._clean[reduction] = price, clean
             self.means.announce(
-                f"a run with the nominal options on {self._shown(reduction)} takes {price.whole_s:.0f} s, what a "
+                f"a run with the nominal options on {self.shown(reduction)} takes {price.whole_s:.0f} s, what a "
                 f"configuration repeats of it {price.repeated_s:.0f} s"
             )
         return self._measured[reduction]
+
+    def misleads(self, reduction: Reduction) -> bool:
+        """Whether nominal gives another trajectory on these images than in its model: no search can use them then."""
+        self.measured(reduction)
+        if self._model is None or reduction == Reduction():
+            return False
+        moved, found = _differ(self._model, self._clean[reduction]), len(self._clean[reduction])
+        if found >= _GOOD_COVERAGE * len(self.sequence(reduction)) and moved < _MISLEADING:
+            return False
+        self.means.announce(
+            f"{self.shown(reduction)} are too few or too small: {found} are registered, and the nominal trajectory is "
+            f"{'another one' if math.isnan(moved) else f'off by {moved:.0%} of its extent'}"
+        )
+        return True
 
     def price(self, reduction: Reduction) -> RunPrice:
         """Return the price there as far as it is known, else estimated by the number of pixels."""
@@ -128,7 +149,8 @@ class Estimate:
         most, high = known[-1]
         return low.between(high, math.log(pixels / few) / math.log(most / few)) if most > few else low
 
-    def _shown(self, reduction: Reduction) -> str:
+    def shown(self, reduction: Reduction) -> str:
+        """Return how many images of which size a reduction leaves."""
         used = self.sequence(reduction)
         return f"{len(used)} images of {used.width}x{used.height} pixels"
 
@@ -156,6 +178,7 @@ class Estimate:
         workshop = Workshop(used, self.pipeline, self.means.announce, timeout_s)
         configurations = Configurations(options, options, label="NOMINAL options (tuning has not ended).")
         made = hand_over(self.means.folder, workshop, configurations, is_last=False).nominal
+        self._model = made.model.trajectory
         self.means.announce(
             f"the nominal model of {len(used)} images is in {self.means.folder}; it took {made.whole_s:.0f} s"
         )
@@ -181,8 +204,10 @@ def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reducti
     }
 
 
-def _price(definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, source: RunSource) -> RunPrice:
-    """Return what a run costs, from the first run of the nominal trial, which is stored for it.
+def _price(
+    definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, source: RunSource
+) -> tuple[RunPrice, Trajectory]:
+    """Return what a run costs, and its trajectory, from the first run of the nominal trial, which is stored for it.
 
     The first noisy run is timed as well where that run found stages at hand, or is so short that the start of the
     executor rules it.
@@ -196,11 +221,17 @@ def _price(definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, 
     clean, noisy = (
         planner.request(sequence, {}, (kind, 0), sigma=_sigma(definition), number=0) for kind in ("clean", "noisy")
     )
-    found = _timed(clean, source)
+    found, trajectory = _timed(clean, source)
     if found["wall"] < _SHORT_S or any(found[name] for name in found if name.endswith("_cached")):
-        other = _timed(noisy, source)
+        other, _ = _timed(noisy, source)
         found = {name: max(found.get(name, 0.0), seconds) for name, seconds in other.items()} | {"wall": other["wall"]}
-    return price_of_stages(found, _earliest_stage(definition, pipeline))
+    return price_of_stages(found, _earliest_stage(definition, pipeline)), trajectory
+
+
+def _differ(model: Trajectory, other: Trajectory) -> float:
+    """Return how far a trajectory is from that of a model, as a fraction of the extent; NaN where none can be said."""
+    found = pairwise_matrix([model], [other], AteSettings("sim3"))
+    return float(found.errors[0, 0] / found.extents[0, 0])
 
 
 def price_of_stages(found: Mapping[str, float], earliest: str) -> RunPrice:
@@ -224,11 +255,15 @@ def _sigma(definition: StudyDefinition) -> float:
     return NOISE_SIGMA if isinstance(definition.gtf.noise_sigma, str) else definition.gtf.noise_sigma
 
 
-def _timed(request: RunRequest, source: RunSource) -> dict[str, float]:
-    """Return the times of a run: the ``wall`` time with what surrounds it, and what its pipeline says of its stages."""
+def _timed(request: RunRequest, source: RunSource) -> tuple[dict[str, float], Trajectory]:
+    """Return the times of a run, and its trajectory.
+
+    They are the ``wall`` time with what surrounds it, and what its pipeline says of its stages.
+    """
     began = time.monotonic()
     run = source.obtain([request])[0]
     if run.stored.error:
         raise RunError(f"the nominal options do not work on '{request.sequence.name}': {run.stored.error}")
     said = {name: float(value) for name, value in run.stored.diagnostics.items() if name.endswith(("_s", "_cached"))}
-    return {**said, "wall": run.stored.wall_s if run.reused else time.monotonic() - began}
+    wall_s = run.stored.wall_s if run.reused else time.monotonic() - began
+    return {**said, "wall": wall_s}, run.trajectory

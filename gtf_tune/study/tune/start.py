@@ -23,6 +23,7 @@ from gtf_tune.study.tune.budget import (
     CLEAN_RUNS,
     MOST_TRIALS,
     NOISY_RUNS,
+    REDUCTIONS,
     Budget,
     Plan,
     Reduction,
@@ -102,13 +103,14 @@ def begin_tuning(database: Database, request: TuneRequest, means: Beginning) -> 
     models, full = estimate.models()
     most = definition.search.trials or MOST_TRIALS
     budget = Budget(means.left_s(), request.jobs, len(first), len(definition.search.baselines), most)
-    plan = budget.plan(full, estimate.price)
+    plan, usable = budget.plan(full, estimate.price), list(REDUCTIONS)
+    while estimate.misleads(plan.reduction) and len(usable) > 1:
+        usable.remove(plan.reduction)
+        plan = replace(budget, seconds=means.left_s()).plan(full, estimate.price, usable)
     definition = estimate.reduced(plan.reduction)
     if plan.reduction != Reduction():
-        used = estimate.sequence(plan.reduction)
         means.announce(
-            f"{request.minutes:g} minutes buy too little on all of it: the search uses {len(used)} images of "
-            f"{used.width}x{used.height} pixels"
+            f"{request.minutes:g} minutes buy too little on all of it: the search uses {estimate.shown(plan.reduction)}"
         )
     measured = estimate.measured(plan.reduction)
     plan = replace(budget, seconds=means.left_s()).plan_at(full, measured, plan.reduction)
