@@ -153,7 +153,7 @@ _PIPELINE = {
     ),
     "presets": Entry(
         "Commands",
-        "Print the search space that a pipeline has by default, with the reason for each range.",
+        "Print the presets of a pipeline: what each searches when nobody says, with the reason for each range.",
         "pipeline:presets",
     ),
     "try": Entry(

@@ -76,7 +76,7 @@ def presets(
     name: Annotated[str, typer.Argument(metavar="PIPELINE", help="Name of the pipeline.")] = "glomap",
     json: Json = False,
 ) -> None:
-    """Print the search space that a pipeline has by default, with the reason for each range.
+    """Print the presets of a pipeline: what each searches when nobody says, with the reason for each range.
 
     Example: gtf-tune pipeline presets glomap
     """
@@ -88,12 +88,16 @@ def presets(
     if json:
         write_json(asdict(preset))
         return
+    for found in preset.presets:
+        write_line(f"--preset {found.name}: options of tier 1 to {found.tier}; adopted from {found.margin:.0%} on.")
+        write_line(f"    {found.reason}")
+    write_line("")
     for option in preset.options:
         unit = f" [{option.unit}]" if option.unit else ""
         write_line(f"{option.name}{unit}: {_axis_text(option.axis)}  (tier {option.tier})")
         write_line(f"    {option.reason} Source: {option.source}.")
     write_line("")
-    write_line("tried first: " + "; ".join(_options_text(one) for one in preset.first) if preset.first else "")
+    write_line("tried first: " + "; ".join(map(_options_text, preset.first)) if preset.first else "")
     for baseline in preset.baselines:
         write_line(f"also compared: {baseline.name}, {_options_text(baseline.options)}")
     say("tier 1 is always searched (only mapping is repeated); 2 repeats verification, 3 everything")

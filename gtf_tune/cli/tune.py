@@ -49,8 +49,8 @@ New = Annotated[bool, typer.Option("--new", help="Begin another study, even if o
 Like = Annotated[
     str | None, typer.Option("--like", metavar="STUDY", help="Study whose adopted options are tried first.")
 ]
-Tier = Annotated[
-    int, typer.Option("--tier", min=1, max=3, help="How much a trial may repeat; see 'gtf-tune pipeline presets'.")
+Preset = Annotated[
+    str, typer.Option("--preset", metavar="NAME", help="What is searched; see 'gtf-tune pipeline presets'.")
 ]
 
 
@@ -60,7 +60,7 @@ def tune(
     pipeline: Pipeline = None,
     setting: Settings = None,
     range_: Range = None,
-    tier: Tier = 1,
+    preset: Preset = "mapping",
     jobs: Jobs = None,
     output: Output = None,
     new: New = False,
@@ -84,7 +84,7 @@ def tune(
         source = _frames_of(source)
         setting = [*(["pairing=sequential"] if makes_models(pipeline or "glomap") else []), *(setting or [])]
     database, sections = create_storage(storage), _sections(source, pipeline, setting, range_)
-    request = _request(source, minutes, jobs or default_jobs(), tier, sections)
+    request = _request(source, minutes, jobs or default_jobs(), preset, sections)
     if like is not None:
         from gtf_tune.study.check_options import tuned_like
 
@@ -164,10 +164,10 @@ def _sections(
     return sections
 
 
-def _request(source: Path, minutes: float, jobs: int, tier: int, sections: dict[str, Any]) -> "TuneRequest":
-    from gtf_tune.study.tune.start import TuneRequest
+def _request(source: Path, minutes: float, jobs: int, preset: str, sections: dict[str, Any]) -> "TuneRequest":
+    from gtf_tune.study.tune.start import TuneRequest, tier_of
 
-    return TuneRequest(source, minutes, jobs, tier, sections)
+    return TuneRequest(source, minutes, jobs, tier_of(preset, sections), sections)
 
 
 def _begin(

@@ -30,6 +30,19 @@ class PresetOption:
 
 
 @dataclass(frozen=True)
+class Preset:
+    """A name for the options up to a tier, with the ``margin`` that one of that tier has to win before it is adopted.
+
+    The margin is a share of the score.
+    """
+
+    name: str
+    tier: int
+    margin: float
+    reason: str
+
+
+@dataclass(frozen=True)
 class Baseline:
     """A configuration that users have beside the program's defaults."""
 
@@ -40,12 +53,13 @@ class Baseline:
 
 @dataclass(frozen=True)
 class PresetSpace:
-    """The search space that a pipeline has by default.
+    """The search spaces that a pipeline has by default, the ``presets``.
 
     ``first`` are the configurations that are tried first, each as the options that differ from nominal.
     """
 
     pipeline: str
+    presets: tuple[Preset, ...]
     options: tuple[PresetOption, ...]
     first: tuple[Mapping[str, OptionValue], ...]
     baselines: tuple[Baseline, ...]
@@ -53,6 +67,31 @@ class PresetSpace:
     def axes(self, tier: int = DEFAULT_TIER) -> dict[str, Mapping[str, object]]:
         """Return the axes of the options up to a tier, as a study definition has them."""
         return {option.name: option.axis for option in self.options if option.tier <= tier}
+
+    def tier(self, name: str) -> int:
+        """Return the tier of the preset with a name.
+
+        Raises
+        ------
+        DefinitionError
+            There is none.
+        """
+        tiers = {preset.name: preset.tier for preset in self.presets}
+        if name not in tiers:
+            raise DefinitionError(
+                f"pipeline '{self.pipeline}' has no preset '{name}', only {', '.join(tiers)}; see 'gtf-tune pipeline "
+                f"presets {self.pipeline}'"
+            )
+        return tiers[name]
+
+    def margins(self, space: Collection[str]) -> dict[str, float]:
+        """Return the margin of each searched option that repeats more than mapping."""
+        known = {preset.tier: preset.margin for preset in self.presets}
+        return {
+            option.name: known[option.tier]
+            for option in self.options
+            if option.name in space and option.tier > DEFAULT_TIER
+        }
 
     def search(self, space: Collection[str], fixed: Collection[str] = ()) -> dict[str, Any]:
         """Return what a study that searches ``space`` tries first, and its baselines, as a definition has them.
@@ -89,6 +128,7 @@ def preset_space(pipeline: str) -> PresetSpace:
     data = tomllib.loads(text)
     return PresetSpace(
         pipeline,
+        tuple(Preset(**entry) for entry in data["presets"]),
         tuple(_option(entry) for entry in data["options"]),
         tuple(data.get("first", ())),
         tuple(Baseline(entry["name"], entry["options"], entry["source"]) for entry in data.get("baselines", ())),

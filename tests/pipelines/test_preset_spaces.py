@@ -56,3 +56,19 @@ def test_only_what_repeats_mapping_is_searched_by_default() -> None:
 def test_a_pipeline_without_a_preset_is_one_sentence() -> None:
     with pytest.raises(DefinitionError, match=r"nothing says what to search on pipeline 'orb'; name the options"):
         preset_space("orb")
+
+
+def test_presets_search_more_from_one_to_the_next_and_ask_more_of_what_comes_before_the_mapper() -> None:
+    space = preset_space("glomap")
+
+    searched = [set(space.axes(space.tier(preset.name))) for preset in space.presets]
+
+    assert searched[0] < searched[1] < searched[2]
+    assert space.margins(searched[0]) == {}
+    assert set(space.margins(searched[2])) == searched[2] - searched[0]
+    assert min(space.margins(searched[2]).values()) > space.presets[0].margin
+
+
+def test_an_unknown_preset_is_one_sentence_with_those_that_are_known() -> None:
+    with pytest.raises(DefinitionError, match=r"'colmap' has no preset 'verify', only mapping; see 'gtf-tune pipeline"):
+        preset_space("colmap").tier("verify")

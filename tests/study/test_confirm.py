@@ -8,7 +8,7 @@ from gtf_tune.execution.base import RunLimits
 from gtf_tune.store import confirmations, runs, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.study.open_study import OpenStudy, open_study
-from gtf_tune.study.outcome.confirm import ConfirmationPlan, confirm, plan_confirmation
+from gtf_tune.study.outcome.confirm import MARGINS_KEY, ConfirmationPlan, confirm, plan_confirmation
 from gtf_tune.study.outcome.recommendation import Recommendation
 from gtf_tune.study.outcome.recommendation import recommend as recommend_for
 from gtf_tune.study.outcome.verdict import Verdict
@@ -56,6 +56,17 @@ def test_a_setting_that_is_truly_better_is_adopted(room: Path, database: Databas
     (candidate,) = found.candidates
     assert candidate.options == {"filter.max_error": BETTER}
     assert 0 < candidate.improvement.low < candidate.improvement.value < candidate.improvement.high
+
+
+def test_a_study_asks_more_of_an_option_that_has_a_margin(room: Path, database: Database, run_study: Runner) -> None:
+    run_study(definition_of(room, **GRID))
+    study, plan = _plan(database, top=1, noisy_runs=8)
+    study.record.resolved[MARGINS_KEY] = {"filter.max_error": 0.99}  # type: ignore[index]
+
+    found = confirm(study, plan, _source(database, InlineExecutor(), StopRequest()))
+
+    assert found.word == "keep nominal"
+    assert "better by less than 99%" in found.candidates[0].reasons[0]
 
 
 def test_the_runs_of_a_confirmation_share_no_noise_and_no_seed_with_the_search(

@@ -304,3 +304,13 @@ def test_nothing_is_adopted_where_the_score_says_little(nominal: Callable[[], Gt
 
 def test_without_candidates_nominal_is_kept() -> None:
     assert judge(Findings(None, ()), GTF).word == "keep nominal"
+
+
+def test_an_option_with_a_margin_of_its_own_has_to_win_that_much() -> None:
+    found = findings({"a": score(0.8, seed=1)}, nominal={"a": score(1.0)})
+
+    asked = {margin: judge(replace(found, margins={"option": margin}), GTF) for margin in (0.1, 0.3)}
+    other = judge(replace(found, margins={"another": 0.3}), GTF)
+
+    assert [verdict.word for verdict in (asked[0.1], asked[0.3], other)] == ["adopt", "keep nominal", "adopt"]
+    assert asked[0.3].candidates[0].reasons == ("better by less than 30%, which options before the mapper have to win",)

@@ -47,11 +47,24 @@ def say_what_is_ahead(study: "OpenStudy", runs_ahead: int, jobs: int) -> None:
     from gtf_tune.store import runs
 
     cost = runs.totals(study.database, study.record.id)
+    for sentence in _option_costs(study) if runs_ahead else ():
+        say(sentence)
     if not cost.made:
         say(f"{count(runs_ahead, 'run')} to make; how long they take is known after the first trial")
         return
     seconds = runs_ahead * cost.made_s / cost.made / jobs
     say(f"{count(runs_ahead, 'run')} to make, about {duration(seconds)} ({jobs} at a time)")
+
+
+def _option_costs(study: "OpenStudy") -> list[str]:
+    """Return what searched options cost that repeat more than mapping, by the times of nominal's runs so far."""
+    from gtf_tune.store import runs, trials
+    from gtf_tune.study.runs.plan import STAGES, option_costs
+
+    nominal = trials.nominal(study.database, study.record.id)
+    said = [use.run.diagnostics for use in runs.of_trial(study.database, nominal.id)] if nominal else []
+    longest = {stage: max((float(times.get(f"{stage}_s", 0.0)) for times in said), default=0.0) for stage in STAGES}
+    return option_costs({name: study.pipeline.options.specs[name].stage for name in study.definition.space}, longest)
 
 
 def runs_of_search(study: "OpenStudy") -> int:

@@ -36,6 +36,9 @@ DEFAULT_RUNS = 16
 
 _FEWEST_RUNS = 4
 
+MARGINS_KEY = "margins"
+"""Where the resolved part of a study keeps by option the share of the score that it has to win; others win 2 %."""
+
 
 @dataclass(frozen=True)
 class ConfirmationPlan:
@@ -138,7 +141,8 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Verd
         found.append(replace(of_trial, baseline=label))
         keys += [run.stored.key for run in finished]
     holdouts = frozenset(plan.sequences) - frozenset(study.sequences)
-    findings = Findings(found[0] if found else None, tuple(found[1:]), holdouts)
+    margins = study.record.resolved.get(MARGINS_KEY, {})
+    findings = Findings(found[0] if found else None, tuple(found[1:]), holdouts, margins)
     verdict = replace(judge(findings, study.definition.gtf), noisy_runs=plan.noisy_runs)
     definition = {**_scope(study, plan), "purpose": plan.purpose, "run_keys": keys}
     stored = confirmations.add(study.database, study.record.id, definition, verdict.as_json(), verdict.word)

@@ -2,8 +2,8 @@
 
 A candidate may be adopted only if all of this holds:
 
-- over the searched sequences it is better by at least 2 %, significantly so after correction for the number of
-  candidates (Holm);
+- over the searched sequences it is better by at least 2 %, or the margin of an option that it changes, significantly so
+  after correction for the number of candidates (Holm);
 - on no sequence, held out or not, is it significantly worse;
 - no more of its runs than of nominal's miss the coverage floor, no more pairs of runs share less than half of their
   frames, and no more noisy runs collapse, by one limit for both (`common_collapses`);
@@ -70,11 +70,19 @@ class Findings:
     """What a confirmation measured; ``nominal`` is None where there was no candidate to measure.
 
     ``holdouts`` are the sequences that the search did not see: they can prevent an adoption, not bring one about.
+    ``margins`` are the shares of the score that some options have to win, by name.
     """
 
     nominal: Measured | None
     candidates: tuple[Measured, ...]
     holdouts: frozenset[str] = frozenset()
+    margins: Mapping[str, float] = field(default_factory=dict)
+
+    def margin(self, candidate: Measured) -> float:
+        """Return the share of the score that a candidate has to win, by the options that it changes."""
+        usual = self.nominal.options if self.nominal else {}
+        changed = [name for name, value in candidate.options.items() if value != usual.get(name)]
+        return max((self.margins.get(name, LEAST_IMPROVEMENT) for name in changed), default=LEAST_IMPROVEMENT)
 
 
 @dataclass(frozen=True)
@@ -105,7 +113,11 @@ def judge(findings: Findings, gtf: GtfDefinition, significance: float = SIGNIFIC
     doubts = () if fails else doubts_of_scores(nominal.scores, searched)
     adjusted = holm([1.0 if comparison.together is None else comparison.together.p_value for comparison in compared])
     candidates = tuple(
-        _candidate(comparison, [*doubts, *_reasons(comparison, p_value < significance, nominal)], p_value)
+        _candidate(
+            comparison,
+            [*doubts, *_reasons(comparison, p_value < significance, nominal, findings.margin(comparison.candidate))],
+            p_value,
+        )
         for comparison, p_value in zip(compared, adjusted, strict=True)
     )
     adopted = max(
@@ -226,8 +238,8 @@ def _candidate(compared: _Compared, reasons: Sequence[str], adjusted: float) -> 
     )
 
 
-def _reasons(compared: _Compared, is_significant: bool, nominal: Measured) -> list[str]:
-    """Return all that speaks against a candidate."""
+def _reasons(compared: _Compared, is_significant: bool, nominal: Measured, margin: float) -> list[str]:
+    """Return all that speaks against a candidate, which has to win the ``margin``."""
     reasons = list(compared.faults)
     if compared.together is None and _fails(nominal, compared.holdouts):
         name, count = min(_working(nominal).items(), key=lambda item: (item[0] in compared.holdouts, item[1]))
@@ -239,6 +251,8 @@ def _reasons(compared: _Compared, is_significant: bool, nominal: Measured) -> li
         reasons.append(NOT_BETTER)
     elif compared.together.ratio > 1 - LEAST_IMPROVEMENT:
         reasons.append(TOO_LITTLE)
+    elif compared.together.ratio > 1 - margin:
+        reasons.append(f"better by less than {margin:.0%}, which options before the mapper have to win")
     return reasons
 
 

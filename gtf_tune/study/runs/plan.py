@@ -14,6 +14,12 @@ if TYPE_CHECKING:  # take OpenCV and scipy, which no reader of studies needs
     from gtf_tune.sequence import Sequence
     from gtf_tune.trajectory import Trajectory
 
+STAGES = ("images", "features", "matches", "geometry", "calibration", "positioning", "mapping")
+"""Stages of COLMAP's pipelines in running order; a stage is repeated where its options or an earlier one's change."""
+
+MAPPING = STAGES[-1]
+_STAGE_WORDS = {"features": "extraction", "matches": "matching", "geometry": "verification"}
+
 _BITS_31 = 2**31 - 1
 _BITS_63 = 2**63 - 1
 
@@ -110,3 +116,25 @@ def run_order(clean_runs: int, noisy_runs: int) -> list[tuple[RunKind, int]]:
 def _hash(*parts: object) -> int:
     text = "\x1f".join(repr(part) for part in parts)
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big")
+
+
+def option_costs(stage_of: Mapping[str, str], stage_s: Mapping[str, float]) -> list[str]:
+    """Return a sentence on each option that makes runs much longer because more than mapping is repeated.
+
+    Parameters
+    ----------
+    stage_of
+        The first stage that an option changes, by its name.
+    stage_s
+        The seconds of each stage in a run that began at the images; without them nothing is said of how much longer.
+    """
+    said = []
+    for name, stage in stage_of.items():
+        if stage not in _STAGE_WORDS:
+            continue
+        longer = ""
+        if stage_s.get(MAPPING):
+            repeated_s = sum(stage_s.get(later, 0.0) for later in STAGES[STAGES.index(stage) :])
+            longer = f": runs take {repeated_s / stage_s[MAPPING]:.2g} x as long"
+        said.append(f"'{name}' repeats {_STAGE_WORDS[stage]}{longer}")
+    return said

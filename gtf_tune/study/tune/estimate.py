@@ -15,7 +15,7 @@ from gtf_tune.pipelines import Pipeline
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Sequence, say_notes
 from gtf_tune.study.open_study import load_defined_sequence
-from gtf_tune.study.runs.plan import RunPlanner, SeedSource
+from gtf_tune.study.runs.plan import MAPPING, STAGES, RunPlanner, SeedSource, option_costs
 from gtf_tune.study.runs.run_source import RunSource
 from gtf_tune.study.search.space import build_space
 from gtf_tune.study.tune.budget import REDUCTIONS, Reduction, RunPrice
@@ -26,8 +26,6 @@ from gtf_tune.trajectory import Trajectory
 NOISE_SIGMA = 0.5
 """Noise in grey levels: what measuring it, for 14 to 30 runs, gave on nearly every sequence (docs/results.md)."""
 
-_STAGES = ("images", "features", "matches", "geometry", "calibration", "positioning", "mapping")
-_MAPPING = _STAGES[-1]
 _SHORT_S = 15.0
 _MODEL_SHARE = 0.4
 """Part of the time that the nominal reconstruction may be expected to take, ..."""
@@ -115,12 +113,16 @@ class Estimate:
     def measured(self, reduction: Reduction) -> RunPrice:
         """Return what a run of nominal costs there; it is stored for the nominal trial."""
         if reduction not in self._measured:
-            price, clean = _price(self.definition, self.pipeline, self.sequence(reduction), self.means.source)
+            stage_s, clean = _timed_stages(self.definition, self.pipeline, self.sequence(reduction), self.means.source)
+            price = price_of_stages(stage_s, _earliest_stage(self.definition, self.pipeline))
             self._measured[reduction], self._clean[reduction] = price, clean
             self.means.announce(
                 f"a run with the nominal options on {self.shown(reduction)} takes {price.whole_s:.0f} s, what a "
                 f"configuration repeats of it {price.repeated_s:.0f} s"
             )
+            if len(self._measured) == 1:
+                for cost in option_costs(_stage_of(self.definition, self.pipeline), stage_s):
+                    self.means.announce(cost)
         return self._measured[reduction]
 
     def misleads(self, reduction: Reduction) -> bool:
@@ -182,7 +184,7 @@ class Estimate:
         self.means.announce(
             f"the nominal model of {len(used)} images is in {self.means.folder}; it took {made.whole_s:.0f} s"
         )
-        only_maps = _earliest_stage(self.definition, self.pipeline) == _MAPPING
+        only_maps = _earliest_stage(self.definition, self.pipeline) == MAPPING
         price = RunPrice(made.whole_s, made.mapping_s if only_maps else made.whole_s, self.price(reduction).verified_s)
         self._guessed[reduction] = price
         return price
@@ -190,8 +192,13 @@ class Estimate:
 
 def _earliest_stage(definition: StudyDefinition, pipeline: Pipeline) -> str:
     """Return the first stage that the searched options change."""
-    stages = {pipeline.options.specs[name].stage for name in definition.space}
-    return next((stage for stage in _STAGES if stage in stages), _MAPPING)
+    stages = _stage_of(definition, pipeline).values()
+    return next((stage for stage in STAGES if stage in stages), MAPPING)
+
+
+def _stage_of(definition: StudyDefinition, pipeline: Pipeline) -> dict[str, str]:
+    """Return the first stage that each searched option changes."""
+    return {name: pipeline.options.specs[name].stage for name in definition.space}
 
 
 def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reduction) -> dict[str, Any]:
@@ -204,13 +211,13 @@ def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reducti
     }
 
 
-def _price(
+def _timed_stages(
     definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, source: RunSource
-) -> tuple[RunPrice, Trajectory]:
-    """Return what a run costs, and its trajectory, from the first run of the nominal trial, which is stored for it.
+) -> tuple[dict[str, float], Trajectory]:
+    """Return the seconds of each stage by name, and of all as ``wall``, and the trajectory of nominal's first run.
 
     The first noisy run is timed as well where that run found stages at hand, or is so short that the start of the
-    executor rules it.
+    executor rules it. Both are stored for the nominal trial.
 
     Raises
     ------
@@ -225,7 +232,8 @@ def _price(
     if found["wall"] < _SHORT_S or any(found[name] for name in found if name.endswith("_cached")):
         other, _ = _timed(noisy, source)
         found = {name: max(found.get(name, 0.0), seconds) for name, seconds in other.items()} | {"wall": other["wall"]}
-    return price_of_stages(found, _earliest_stage(definition, pipeline)), trajectory
+    stages = {name.removesuffix("_s"): seconds for name, seconds in found.items() if name.endswith("_s")}
+    return {**stages, "wall": found["wall"]}, trajectory
 
 
 def _differ(model: Trajectory, other: Trajectory) -> float:
@@ -234,21 +242,21 @@ def _differ(model: Trajectory, other: Trajectory) -> float:
     return float(found.errors[0, 0] / found.extents[0, 0])
 
 
-def price_of_stages(found: Mapping[str, float], earliest: str) -> RunPrice:
+def price_of_stages(stage_s: Mapping[str, float], earliest: str) -> RunPrice:
     """Return what a run costs whose configuration repeats all from the ``earliest`` stage on.
 
-    ``found`` has the seconds of each stage (``matches_s``) and the ``wall`` time of all; what is around the stages,
-    starting a process and reading its packages, every run pays.
+    ``stage_s`` has the seconds of each stage and the ``wall`` time of all; what is around the stages, starting a
+    process and reading its packages, every run pays.
     """
-    stages = {name.removesuffix("_s"): seconds for name, seconds in found.items() if name.endswith("_s")}
-    whole = max(found["wall"], sum(stages.values()))
-    if _MAPPING not in stages:
+    stages = {stage: stage_s[stage] for stage in STAGES if stage in stage_s}
+    whole = max(stage_s["wall"], sum(stages.values()))
+    if MAPPING not in stages:
         return RunPrice(whole, whole, whole)
 
     def without(*cached: str) -> float:
         return whole - sum(stages.get(stage, 0.0) for stage in cached)
 
-    return RunPrice(whole, without(*_STAGES[: _STAGES.index(earliest)]), without(*_STAGES[: _STAGES.index("geometry")]))
+    return RunPrice(whole, without(*STAGES[: STAGES.index(earliest)]), without(*STAGES[: STAGES.index("geometry")]))
 
 
 def _sigma(definition: StudyDefinition) -> float:

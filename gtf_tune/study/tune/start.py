@@ -18,6 +18,7 @@ from gtf_tune.store.studies import Study
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.open_study import OpenStudy, load_defined_sequence, make_pipeline
+from gtf_tune.study.outcome.confirm import MARGINS_KEY
 from gtf_tune.study.outcome.recommendation import Recommendation
 from gtf_tune.study.tune.budget import (
     CLEAN_RUNS,
@@ -55,7 +56,7 @@ class TuneRequest:
     @property
     def pipeline(self) -> str:
         """Name of the pipeline."""
-        return str(self.sections.get("pipeline", {}).get("name", "glomap"))
+        return pipeline_of(self.sections)
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -63,6 +64,23 @@ class TuneRequest:
         given = [self.tier, self.sections, *([self.start] if self.start else [])]
         parts = json.dumps(given, sort_keys=True, default=str)
         return {"source": str(self.source.absolute()), "request": hashlib.sha256(parts.encode()).hexdigest()}
+
+
+def pipeline_of(sections: Mapping[str, Any]) -> str:
+    """Return the name of the pipeline that parts of a definition ask for."""
+    return str(sections.get("pipeline", {}).get("name", "glomap"))
+
+
+def tier_of(preset: str, sections: Mapping[str, Any]) -> int:
+    """Return the tier of a preset of the pipeline that parts of a definition ask for.
+
+    Raises
+    ------
+    DefinitionError
+        The pipeline has no such preset.
+    """
+    pipeline = pipeline_of(sections)
+    return preset_space(pipeline).tier(preset) if pipeline in preset_pipelines() else DEFAULT_TIER
 
 
 @dataclass(frozen=True)
@@ -120,7 +138,7 @@ def begin_tuning(database: Database, request: TuneRequest, means: Beginning) -> 
         database,
         definition.model_copy(update={"search": searched}),
         root,
-        resolved={TUNE_KEY: {**request.identity, **stored}},
+        resolved={TUNE_KEY: {**request.identity, **stored}, **_margins(definition)},
     )
     return Tuning(studies.get(database, study.name), plan)
 
@@ -173,6 +191,13 @@ def recommended(study: OpenStudy, found: Recommendation, whole: Sequence) -> Con
     if found.decision != "unconfirmed" or configurations.adopted == configurations.nominal:
         return nominal
     return replace(nominal, unconfirmed=configurations.adopted)
+
+
+def _margins(definition: StudyDefinition) -> dict[str, dict[str, float]]:
+    """Return what the confirmation asks of options beyond the mapper's, for the resolved part of a study."""
+    pipeline = definition.pipeline.name
+    found = preset_space(pipeline).margins(definition.space) if pipeline in preset_pipelines() else {}
+    return {MARGINS_KEY: found} if found else {}
 
 
 def _in_pixels(pipeline: str) -> frozenset[str]:

@@ -12,6 +12,7 @@ from gtf_tune.definition import StudyDefinition
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.study.create import checked_definition
+from gtf_tune.study.runs.plan import option_costs
 from gtf_tune.study.tune import estimate
 from gtf_tune.study.tune.budget import REDUCTIONS, Reduction, RunPrice
 from gtf_tune.study.tune.estimate import Beginning, Estimate, price_of_stages
@@ -20,7 +21,7 @@ from gtf_tune.trajectory import Trajectory
 from tests.pipelines.conftest import make_scene
 
 SEARCHED = "mapper.bundle_adjustment.ceres.loss_function_scale"
-STAGES = {"images_s": 1.0, "features_s": 10.0, "matches_s": 20.0, "geometry_s": 5.0, "mapping_s": 4.0, "wall": 42.0}
+STAGES = {"images": 1.0, "features": 10.0, "matches": 20.0, "geometry": 5.0, "mapping": 4.0, "wall": 42.0}
 
 
 def poses(count: int, stride: int = 1, bend: float = 0.0) -> Trajectory:
@@ -47,8 +48,8 @@ def made(definition: StudyDefinition, tmp_path: Path, monkeypatch: pytest.Monkey
     """Return estimates on runs that take a second for each image, and models that take as long as is given."""
 
     def make(minutes: float, model_s: float, clean: Trajectory | None = None) -> Estimate:
-        def price(_: Any, __: Any, sequence: Sequence, ___: Any) -> tuple[RunPrice, Trajectory]:
-            return RunPrice(float(len(sequence)), 1.0), clean or poses(len(sequence), 24 // len(sequence))
+        def timed(_: Any, __: Any, sequence: Sequence, ___: Any) -> tuple[dict[str, float], Trajectory]:
+            return {"wall": float(len(sequence)), "mapping": 1.0}, clean or poses(len(sequence), 24 // len(sequence))
 
         def hand_over(_: Path, workshop: Any, *__: Any, **___: Any) -> SimpleNamespace:
             needed = model_s if workshop.timeout_s else 1.0
@@ -57,7 +58,7 @@ def made(definition: StudyDefinition, tmp_path: Path, monkeypatch: pytest.Monkey
             model = SimpleNamespace(trajectory=poses(24))
             return SimpleNamespace(nominal=SimpleNamespace(model=model, whole_s=needed, mapping_s=needed / 2))
 
-        monkeypatch.setattr(estimate, "_price", price)
+        monkeypatch.setattr(estimate, "_timed_stages", timed)
         monkeypatch.setattr(estimate, "hand_over", hand_over)
         said: list[str] = []
         means = Beginning(SimpleNamespace(said=said), tmp_path, lambda: 60 * minutes, said.append)  # type: ignore[arg-type]
@@ -112,3 +113,10 @@ def test_the_price_of_a_configuration_begins_at_the_first_stage_that_it_changes(
     assert repeated == [6.0, 11.0, 31.0, 41.0]
     assert price_of_stages(STAGES, "mapping").verified_s == 11.0
     assert price_of_stages({"wall": 7.0}, "mapping") == RunPrice(7.0, 7.0, 7.0)
+
+
+def test_it_is_said_how_much_longer_runs_get_by_an_option_that_repeats_more_than_mapping() -> None:
+    stage_of = {"a.b": "mapping", "matching.sift.max_ratio": "matches"}
+
+    assert option_costs(stage_of, STAGES) == ["'matching.sift.max_ratio' repeats matching: runs take 7.2 x as long"]
+    assert option_costs(stage_of, {}) == ["'matching.sift.max_ratio' repeats matching"]
