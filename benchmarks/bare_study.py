@@ -120,7 +120,6 @@ class BareStudy:
         request = self.planner.request(SEQUENCE, options, run, sigma=_SIGMA, number=0)
         job = PipelineJob(
             images=request.images,
-            camera=None,
             options=request.options,
             seed=request.seed,
             threads=1,

@@ -49,7 +49,6 @@ class ContractCase:
         workspace.mkdir(parents=True)
         return PipelineJob(
             images=ImageSource(self.sequence),
-            camera=self.sequence.camera,
             options=self.pipeline.options.check({**self.options, **options}),
             seed=self.seed,
             threads=1,

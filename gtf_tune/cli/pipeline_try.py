@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gtf_tune.cli.parameters import Frames, Settings
-from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
+from gtf_tune.cli.sequence_flags import (
+    CameraFlag,
+    CameraGrouping,
+    Cameras,
+    Exclude,
+    Recursive,
+    load_as_asked,
+    parse_selection,
+)
 from gtf_tune.cli.terminal.console import number, printable, say, write_pairs
 from gtf_tune.cli.values import parse_pairs
 from gtf_tune.errors import DefinitionError, RunError
@@ -30,6 +38,7 @@ def try_pipeline(
     exclude: Exclude = None,
     recursive: Recursive = False,
     camera: CameraFlag = None,
+    cameras: Cameras = CameraGrouping.auto,
     seed: Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Seed of the run.")] = 0,
     memory_gb: Annotated[float, typer.Option("--memory-gb", min=0.1, max=1e6, help="Memory that it may take.")] = 16,
     keep: Annotated[Path | None, typer.Option("--keep", metavar="DIR", help="New folder for its files.")] = None,
@@ -47,7 +56,7 @@ def try_pipeline(
 
     pipeline, own = named_pipeline(definition, parse_pairs(setting, "--setting"))
     options = pipeline.options.check({**own, **parse_pairs(option, "--option")})
-    loaded = load_as_asked(sequence, parse_selection(frames, exclude, recursive), camera)
+    loaded = load_as_asked(sequence, parse_selection(frames, exclude, recursive, cameras), camera)
     folder = _new_folder(keep)
     request = RunRequest(pipeline, options, loaded, "clean", 0, noise_sigma=0.0, noise_seed=0, seed=seed)
     say(f"one clean run of {pipeline.name} on {len(loaded)} frames; its files stay in {folder}")

@@ -10,6 +10,7 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
     {
         "cache": "--cache-dir FOLDER or --no-cache",
         "cache folder": "--cache-dir FOLDER",
+        "cameras": "--cameras auto",
         "check": "gtf-tune storage check",
         "create": "gtf-tune study create ... --storage {0}",
         "delete": "gtf-tune study delete {0}",
@@ -19,6 +20,7 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
         "extension": "--trials N, --range NAME=LOW:HIGH, or --as NEW-NAME with --noisy-runs N",
         "extract": "gtf-tune sequence extract {0} {1} --rate-hz 3",
         "format": "--format json or --format csv",
+        "largest group": "--cameras largest",
         "list": "gtf-tune study list --storage {0}",
         "options": "gtf-tune pipeline options {0}",
         "pause": "gtf-tune study pause {0}",

@@ -1,6 +1,7 @@
 """Flags that say how a sequence is read, and what they stand for."""
 
 import re
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,6 +28,25 @@ Exclude = Annotated[
 Recursive = Annotated[bool, typer.Option("--recursive", help="Take the images of subfolders too.")]
 
 
+class CameraGrouping(StrEnum):
+    """Name which images share a camera."""
+
+    auto = "auto"
+    one = "one"
+    per_folder = "per-folder"
+    per_image = "per-image"
+    largest = "largest"
+
+
+Cameras = Annotated[
+    CameraGrouping,
+    typer.Option(
+        "--cameras",
+        help="Which images share a camera: by size and EXIF, all, or those of a folder; or use the largest group only.",
+    ),
+]
+
+
 def parse_camera(text: str | None) -> Any:
     """Return what ``--camera`` stands for in a definition: a name, or a model with its parameters.
 
@@ -46,26 +66,21 @@ def parse_camera(text: str | None) -> Any:
     return {"model": model.upper(), "params": [float(value) for value in values]}
 
 
-def parse_selection(frames: list[str] | None, exclude: list[str] | None, recursive: bool) -> "Selection":
-    """Return the selection that ``--frames``, ``--exclude`` and ``--recursive`` describe."""
+def parse_selection(
+    frames: list[str] | None, exclude: list[str] | None, recursive: bool, cameras: CameraGrouping
+) -> "Selection":
+    """Return the selection that ``--frames``, ``--exclude``, ``--recursive`` and ``--cameras`` describe."""
     from dataclasses import replace
 
-    return replace(parse_frames(frames), exclude=tuple(exclude or ()), recursive=recursive)
+    return replace(parse_frames(frames), exclude=tuple(exclude or ()), recursive=recursive, cameras=cameras.value)
 
 
 def load_as_asked(
     path: Path, selection: "Selection", camera: str | None, *, layout: str = "auto", fewest: int = 1
 ) -> "Sequence":
     """Load a sequence with the intrinsics that ``--camera`` gives, the data set's own where it is not given."""
-    from dataclasses import replace
-
-    from gtf_tune.sequence import Camera, load_sequence
+    from gtf_tune.sequence import Lens, load_sequence
 
     given = parse_camera(camera)
-    if given == "auto":
-        return load_sequence(path, layout=layout, selection=selection, fewest=fewest)
-    sequence = load_sequence(path, layout=layout, selection=selection, camera="unknown", fewest=fewest)
-    if given == "unknown":
-        return sequence
-    known = Camera(given["model"], *sequence.stored_size, params=tuple(given["params"]))
-    return replace(sequence, camera=known.scaled(sequence.width, sequence.height))
+    chosen: Any = given if isinstance(given, str) else Lens(**given)
+    return load_sequence(path, layout=layout, selection=selection, camera=chosen, fewest=fewest)

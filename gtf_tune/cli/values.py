@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 _MOST_FRAMES = 10**9
 # Fields of a selection that have flags of their own, or none.
-_OWN_FLAGS = ("exclude", "recursive", "rules")
+_OWN_FLAGS = ("cameras", "exclude", "recursive", "rules")
 
 
 def parse_value(text: str) -> Any:

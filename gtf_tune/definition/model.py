@@ -164,7 +164,9 @@ class SequenceDefinition(Section):
 
     ``path`` is relative to the definition file. ``camera = "unknown"`` ignores the intrinsics that the data set has.
     ``exclude`` leaves out images whose names or paths fit a glob pattern; ``recursive`` takes those of subfolders too.
-    ``holdout`` sequences are only evaluated at confirmation.
+    ``holdout`` sequences are only evaluated at confirmation. ``cameras`` says which images share a camera: as the data
+    set and the EXIF of photographs say, one for all, one per folder or image; "largest" uses only the images of the
+    camera that took most.
     """
 
     name: Name
@@ -180,6 +182,7 @@ class SequenceDefinition(Section):
     exclude: list[str] = Field(default_factory=list)
     recursive: bool = False
     holdout: bool = False
+    cameras: Literal["auto", "one", "per-folder", "per-image", "largest"] = "auto"
 
     @property
     def selection(self) -> dict[str, Any]:
@@ -187,6 +190,7 @@ class SequenceDefinition(Section):
         names = ("start", "stop", "stride", "max_frames", "rate_hz", "max_image_size")
         given = {name: getattr(self, name) for name in names}
         given |= {"exclude": tuple(self.exclude) or None, "recursive": self.recursive or None}
+        given |= {"cameras": self.cameras if self.cameras != "auto" else None}
         return {name: value for name, value in given.items() if value is not None}
 
 

@@ -157,13 +157,11 @@ def _run(request: RunRequest, paths: RunPaths, store: StageStore) -> PipelineOut
         workspace.mkdir()
         job = PipelineJob(
             images=request.images,
-            camera=request.sequence.camera,
             options=request.options,
             seed=request.seed,
             threads=request.threads,
             workspace=workspace,
             stages=_TimedStages(stages, note),
-            focal_prior=request.focal_prior,
             waiting=note.waiting,
         )
         output = request.pipeline.run(job)

@@ -31,22 +31,32 @@ class Stages(Protocol):
 class PipelineJob:
     """What one run of a pipeline works on.
 
-    ``images`` are the clean or noisy grey images, ``camera`` the intrinsics in COLMAP's convention or ``None`` where
-    they are unknown, ``focal_prior`` a focal length in pixels to start from where they are, ``options`` the checked
-    values that differ from the pipeline's defaults, ``seed`` a non-negative 31-bit number, ``workspace`` an empty
-    folder of the run's own. ``waiting`` opens a context for waits that are not the run's own, such as that for a GPU:
-    they do not count towards its time limit.
+    ``images`` are the clean or noisy grey images, ``options`` the checked values that differ from the pipeline's
+    defaults, ``seed`` a non-negative 31-bit number, ``workspace`` an empty folder of the run's own. ``waiting`` opens a
+    context for waits that are not the run's own, such as that for a GPU: they do not count towards its time limit.
     """
 
     images: "ImageSource"
-    camera: "Camera | None"
     options: Mapping[str, OptionValue]
     seed: int
     threads: int
     workspace: Path
     stages: Stages
-    focal_prior: float | None = None
     waiting: Callable[[], contextlib.AbstractContextManager[None]] = contextlib.nullcontext
+
+    @property
+    def camera(self) -> "Camera | None":
+        """Return the intrinsics in COLMAP's convention, ``None`` where they are unknown or there are several cameras.
+
+        A pipeline that takes several cameras has a true ``takes_several_cameras`` and finds them in
+        ``images.sequence.cameras``; no other is given any.
+        """
+        return self.images.sequence.camera
+
+    @property
+    def focal_prior(self) -> float | None:
+        """Return the focal length in pixels to start from where the intrinsics of the only camera are unknown."""
+        return self.images.sequence.focal_prior
 
 
 @dataclass(frozen=True)

@@ -47,16 +47,12 @@ class RunRequest:
         return ImageSource(self.sequence, sigma=self.noise_sigma, seed=self.noise_seed)
 
     @property
-    def focal_prior(self) -> float | None:
-        """Return the focal length in pixels that the run starts from, only where intrinsics are unknown."""
-        return self.sequence.focal_prior if self.sequence.camera is None else None
-
-    @property
     def key(self) -> str:
         """Return the hex SHA-256 of everything that the result depends on.
 
         The times of frames are part of it only for pipelines with a true ``reads_times``.
         """
+        prior = self.sequence.focal_prior if self.sequence.camera is None else None
         reads_times = getattr(self.pipeline, "reads_times", False)
         return digest(
             {
@@ -65,12 +61,12 @@ class RunRequest:
                 "settings": dict(self.pipeline.settings),
                 "options": dict(self.options),
                 "images": self.images.key,
-                "camera": self.sequence.camera.key if self.sequence.camera else "unknown",
+                "camera": self.sequence.cameras_key,
                 "kind": self.kind,
                 "index": self.index,
                 "seed": self.seed,
                 "threads": self.threads,
-                **({} if self.focal_prior is None else {"focal_prior": self.focal_prior}),
+                **({} if prior is None else {"focal_prior": prior}),
                 **({"times": [frame.timestamp for frame in self.sequence.frames]} if reads_times else {}),
             }
         )

@@ -1,6 +1,7 @@
 """Load, select and write the images that pipelines are tuned on."""
 
-from gtf_tune.sequence.camera import MODEL_PARAMS, Camera, pinhole_from_opencv
+from gtf_tune.sequence.camera import MODEL_PARAMS, Camera, Lens, pinhole_from_opencv
+from gtf_tune.sequence.cameras import SequenceCamera
 from gtf_tune.sequence.inspection import Gap, SequenceReport, inspect_sequence, say_notes
 from gtf_tune.sequence.layouts.registry import layout_help, layout_names
 from gtf_tune.sequence.loading import FEWEST_FRAMES, load_sequence
@@ -19,9 +20,11 @@ __all__ = [
     "Frame",
     "Gap",
     "ImageSource",
+    "Lens",
     "RoomSpec",
     "Selection",
     "Sequence",
+    "SequenceCamera",
     "SequenceReport",
     "extract_video",
     "inspect_sequence",

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+from collections.abc import Sequence as Items
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,6 +87,11 @@ class Camera:
         return tuple(MODEL_PARAMS[self.model].split())
 
     @property
+    def size(self) -> tuple[int, int]:
+        """Return (width, height) in pixels."""
+        return self.width, self.height
+
+    @property
     def key(self) -> str:
         """Return the hex SHA-256 of the model, the size and the exact parameters."""
         text = json.dumps([self.model, self.width, self.height, [repr(value) for value in self.params]])
@@ -115,6 +121,18 @@ class Camera:
                 "which is another shape: cropped, padded or turned; give the intrinsics of these images"
             )
         return self.scaled(width, height)
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Intrinsics given by hand, for the images as they are stored: a COLMAP model and its parameters."""
+
+    model: str
+    params: Items[float]
+
+    def camera(self, width: int, height: int) -> Camera:
+        """Return the camera of stored images of this size, or raise `SequenceError` for impossible parameters."""
+        return Camera(self.model, width, height, tuple(self.params))
 
 
 def pinhole_from_opencv(focal: tuple[float, float], centre: tuple[float, float], size: tuple[int, int]) -> Camera:

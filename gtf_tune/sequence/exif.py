@@ -15,11 +15,16 @@ _NAMED = 3
 
 @dataclass(frozen=True)
 class ExifFacts:
-    """Orientation of a photograph (1 is upright, 0 unknown) and its focal lengths in mm, 0 where EXIF has none."""
+    """What a camera notes of a photograph.
+
+    ``orientation`` is 1 where upright, 0 where unknown; focal lengths are in mm, 0 where EXIF has none.
+    """
 
     orientation: int = 0
     focal_mm: float = 0.0
     focal_35mm: float = 0.0
+    make: str = ""
+    model: str = ""
 
 
 def exif_facts(frame: Frame) -> ExifFacts:
@@ -36,13 +41,27 @@ def exif_facts(frame: Frame) -> ExifFacts:
         orientation=int(_positive(exif.get(ExifTags.Base.Orientation))),
         focal_mm=_positive(details.get(ExifTags.Base.FocalLength)),
         focal_35mm=_positive(details.get(ExifTags.Base.FocalLengthIn35mmFilm)),
+        make=_text(exif.get(ExifTags.Base.Make)),
+        model=_text(exif.get(ExifTags.Base.Model)),
     )
+
+
+def lens_of(frame: Frame) -> tuple[str, str, float]:
+    """Return make, model and focal length in mm, by which COLMAP groups photographs; empty where EXIF has none.
+
+    The orientation is no part of it: pixels are used as they are stored, which is as the sensor took them.
+    """
+    facts = exif_facts(frame)
+    return facts.make, facts.model, facts.focal_35mm or facts.focal_mm
 
 
 def exif_notes(sequence: Sequence) -> tuple[str, ...]:
     """Return notes on orientations that are not applied, and on focal lengths that differ between the images."""
     facts = [exif_facts(frame) for frame in sequence.frames]
-    return (*_orientation_notes(facts), *_focal_notes(facts))
+    of_cameras: dict[int, list[ExifFacts]] = {}
+    for number, fact in zip(sequence.taken_by, facts, strict=True):
+        of_cameras.setdefault(number, []).append(fact)
+    return (*_orientation_notes(facts), *(note for group in of_cameras.values() for note in _focal_notes(group)))
 
 
 def _orientation_notes(facts: list[ExifFacts]) -> Iterable[str]:
@@ -59,7 +78,14 @@ def _focal_notes(facts: list[ExifFacts]) -> Iterable[str]:
     if len(lengths) > 1:
         named = ", ".join(f"{value:g} mm ({count})" for value, count in lengths.most_common(_NAMED))
         more = ", ..." if len(lengths) > _NAMED else ""
-        yield f"EXIF has {len(lengths)} focal lengths ({named}{more}), but all images are taken for those of one camera"
+        yield (
+            f"EXIF has {len(lengths)} focal lengths ({named}{more}), but all {len(facts)} images are taken for those "
+            "of one camera"
+        )
+
+
+def _text(value: object) -> str:
+    return value.strip("\0 ") if isinstance(value, str) else ""
 
 
 def _positive(value: object) -> float:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gtf_tune.sequence.camera import Camera
+from gtf_tune.sequence.cameras import SequenceCamera
 from gtf_tune.sequence.content import FrameContent, PairContent, frame_content, pair_content
 from gtf_tune.sequence.exif import exif_notes
 from gtf_tune.sequence.loading import FEWEST_FRAMES
@@ -16,6 +17,7 @@ from gtf_tune.sequence.value import Sequence
 
 _CHECKED_FRAMES = 60
 _NAMED_FRAMES = 5
+_NAMED_CAMERAS = 6
 
 _FEWEST_CORNERS = 150
 _FEWEST_MATCHES = 40
@@ -38,13 +40,29 @@ class Gap:
 
 
 @dataclass(frozen=True)
+class CameraReport:
+    """One camera of a sequence: sizes in pixels, what is known of it, and the names of its images in order."""
+
+    width: int
+    height: int
+    stored_width: int
+    stored_height: int
+    intrinsics: Camera | None
+    field_of_view_deg: float
+    focal_prior: float | None
+    images: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class SequenceReport:
     """What `inspect_sequence` found.
 
-    ``rate_hz`` and ``duration_s`` are 0 where there are no timestamps. ``field_of_view_deg`` is horizontal, 0 where
-    intrinsics are unknown; ``focal_prior`` is a rough focal length in pixels then. ``ground_truth_extent`` is the RMS
-    distance of the true positions from their mean, in the data set's unit. ``checked_frames`` images were looked at,
-    evenly spread; ``warnings`` are full sentences.
+    Sizes, ``camera``, ``field_of_view_deg`` and ``focal_prior`` are those of the only camera; of several, sizes are
+    those of the one that took the most images, and ``cameras`` has all. ``rate_hz`` and ``duration_s`` are 0 where
+    there are no timestamps. ``field_of_view_deg`` is horizontal, 0 where intrinsics are unknown; ``focal_prior`` is a
+    rough focal length in pixels then. ``ground_truth_extent`` is the RMS distance of the true positions from their
+    mean, in the data set's unit. ``checked_frames`` images were looked at, evenly spread; ``warnings`` are full
+    sentences.
     """
 
     name: str
@@ -68,6 +86,7 @@ class SequenceReport:
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
     focal_prior: float | None = None
+    cameras: tuple[CameraReport, ...] = ()
 
 
 def inspect_sequence(sequence: Sequence) -> SequenceReport:
@@ -105,6 +124,21 @@ def inspect_sequence(sequence: Sequence) -> SequenceReport:
         notes=sequence_notes(sequence),
         warnings=(*_warn_of_frames(frames), *_warn_of_pairs(pairs, sequence), *_warn_of_facts(sequence, gaps)),
         focal_prior=sequence.focal_prior,
+        cameras=_cameras(sequence),
+    )
+
+
+def _cameras(sequence: Sequence) -> tuple[CameraReport, ...]:
+    return tuple(
+        CameraReport(
+            *camera.size,
+            *camera.stored_size,
+            camera.intrinsics,
+            _field_of_view_deg(camera.intrinsics),
+            camera.prior,
+            tuple(frame.path.name for frame in sequence.frames if frame.camera == number),
+        )
+        for number, camera in enumerate(sequence.cameras)
     )
 
 
@@ -114,20 +148,35 @@ def sequence_notes(sequence: Sequence) -> tuple[str, ...]:
 
 
 def say_notes(sequence: Sequence, say: Callable[[str], None], *, named: bool = False) -> None:
-    """Print a line for each irregularity of a sequence, and one if its intrinsics are unknown.
+    """Print a line for each irregularity of a sequence, and one for each camera whose intrinsics are unknown.
 
     ``named`` says of which sequence it is.
     """
     notes = list(sequence_notes(sequence))
-    if sequence.camera is None:
+    if len(sequence.cameras) > 1:
+        notes.append(_said_of_cameras(sequence))
+    elif sequence.camera is None:
         prior = sequence.focal_prior
         start = f"starts from a focal length of {prior:.4g} pixels" if prior else "estimates them"
         notes.append(f"intrinsics are unknown; the pipeline {start}")
     else:
-        notes += _warn_of_camera(sequence)
+        notes += _warn_of_camera(sequence.cameras[0])
     of = f"sequence '{sequence.name}': " if named else ""
     for note in notes:
         say(f"note: {of}{note}")
+
+
+def _said_of_cameras(sequence: Sequence) -> str:
+    """Return a sentence on several cameras: how many images of what size, and what is known of each."""
+    found = []
+    for number, camera in enumerate(sequence.cameras[:_NAMED_CAMERAS]):
+        known = "known" if camera.intrinsics else "unknown"
+        if camera.prior:
+            known = f"unknown but for a focal length of {camera.prior:.4g} pixels"
+        count = sequence.taken_by.count(number)
+        found.append(f"{count} of {camera.width}x{camera.height} pixels (intrinsics {known})")
+    more = f" and {len(sequence.cameras) - len(found)} more cameras" if len(sequence.cameras) > len(found) else ""
+    return f"the images come from {len(sequence.cameras)} cameras: {', '.join(found)}{more}"
 
 
 def _look(sequence: Sequence) -> tuple[list[FrameContent], list[PairContent]]:
@@ -186,9 +235,7 @@ def _warn_of_frames(frames: Items[FrameContent]) -> Iterable[str]:
 
 
 def _warn_of_pairs(pairs: Items[PairContent], sequence: Sequence) -> Iterable[str]:
-    size = sequence.width, sequence.height
-    turning = turning_pairs([pair.homography for pair in pairs], size, sequence.camera)
-    turned = {pair.first for pair, turns in zip(pairs, turning, strict=True) if turns}
+    turned = _turned(pairs, sequence)
     checks: tuple[tuple[str, Callable[[PairContent], bool]], ...] = (
         ("images equal the next one exactly: duplicates add time but no information", lambda pair: pair.identical),
         (
@@ -208,6 +255,19 @@ def _warn_of_pairs(pairs: Items[PairContent], sequence: Sequence) -> Iterable[st
         yield from _sentence([pair.first for pair in pairs if hurts(pair)], len(pairs), words)
 
 
+def _turned(pairs: Items[PairContent], sequence: Sequence) -> set[int]:
+    """Return the first frame of each pair of one camera's images between which that camera only turned."""
+    taken_by = {frame.frame_id: frame.camera for frame in sequence.frames}
+    turned: set[int] = set()
+    for number, camera in enumerate(sequence.cameras):
+        of_camera = [
+            pair.homography if taken_by[pair.first] == taken_by[pair.second] == number else None for pair in pairs
+        ]
+        turning = turning_pairs(of_camera, camera.size, camera.intrinsics)
+        turned |= {pair.first for pair, turns in zip(pairs, turning, strict=True) if turns}
+    return turned
+
+
 def _sentence(frame_ids: list[int], checked: int, words: str) -> Iterable[str]:
     if frame_ids:
         named = ", ".join(str(frame_id) for frame_id in frame_ids[:_NAMED_FRAMES])
@@ -222,13 +282,23 @@ def _warn_of_facts(sequence: Sequence, gaps: tuple[Gap, ...]) -> Iterable[str]:
     if gaps:
         counted = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
         yield f"the recording has {counted}; sequential matching may not bridge them"
-    yield from _warn_of_camera(sequence)
+    yield from _warn_of_cameras(sequence)
     yield from _warn_of_ground_truth(sequence)
 
 
-def _warn_of_camera(sequence: Sequence) -> Iterable[str]:
-    camera = sequence.camera
-    if camera is None and sequence.focal_prior is not None:
+def _warn_of_cameras(sequence: Sequence) -> Iterable[str]:
+    """Yield what is odd about each camera, without its number where that is so of all."""
+    found = [tuple(_warn_of_camera(camera)) for camera in sequence.cameras]
+    if len(set(found)) == 1:
+        yield from found[0]
+        return
+    for number, warnings in enumerate(found, 1):
+        yield from (f"camera {number}: {warning}" for warning in warnings)
+
+
+def _warn_of_camera(described: SequenceCamera) -> Iterable[str]:
+    camera = described.intrinsics
+    if camera is None and described.focal_prior is not None:
         yield "of the intrinsics only a rough focal length is known: refining it costs precision"
         return
     if camera is None:

@@ -3,6 +3,7 @@
 import os
 import re
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Literal
@@ -10,7 +11,10 @@ from typing import Literal
 import numpy as np
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence.camera import Camera
+from gtf_tune.sequence.camera import Camera, Lens
+from gtf_tune.sequence.cameras import SequenceCamera
+from gtf_tune.sequence.former_rules import shared_camera
+from gtf_tune.sequence.grouping import ImageFacts, group_frames
 from gtf_tune.sequence.image_formats import CLASSIC_SUFFIXES, IMAGE_SUFFIXES
 from gtf_tune.sequence.images import image_size
 from gtf_tune.sequence.layouts.base import (
@@ -22,12 +26,11 @@ from gtf_tune.sequence.layouts.base import (
     Reading,
     Recording,
     naming,
-    shared_camera,
 )
 from gtf_tune.sequence.layouts.cameras.kalibr import chain_intrinsics, find_chain
 from gtf_tune.sequence.layouts.folder import FOLDER, maps_among
 from gtf_tune.sequence.layouts.registry import AUTO, find_layout, layout_above
-from gtf_tune.sequence.selection import Selection
+from gtf_tune.sequence.selection import LOADING_RULES, Selection
 from gtf_tune.sequence.value import Frame, Sequence
 from gtf_tune.trajectory import Trajectory
 from gtf_tune.trajectory.alignment import MIN_MATCHED
@@ -35,7 +38,7 @@ from gtf_tune.trajectory.alignment import MIN_MATCHED
 FEWEST_FRAMES = MIN_MATCHED
 """Frames that a sequence must have to be worked on: with fewer, no two trajectories can be compared."""
 
-CameraChoice = Camera | Literal["auto", "unknown"]
+CameraChoice = Camera | Lens | Literal["auto", "unknown"]
 
 _ALL = Selection()
 _BY_FILES: Literal["auto"] = "auto"
@@ -64,8 +67,9 @@ def load_sequence(
     selection
         Which frames are used, and at what size.
     camera
-        "auto" for the data set's intrinsics, "unknown" for none, or those to use instead, for the stored images or any
-        uniform resizing of them. Unless it is "auto", a calibration that cannot be read does not matter.
+        "auto" for the data set's intrinsics, "unknown" for none, or those to use instead: a `Camera` for the stored
+        images or any uniform resizing of them, a `Lens` for images of one size, which are taken for those of one
+        camera. Unless it is "auto", a calibration that cannot be read does not matter.
     fewest
         Frames that must be left after the selection; `FEWEST_FRAMES` for work on the sequence.
 
@@ -73,7 +77,7 @@ def load_sequence(
     ------
     SequenceError
         The layout is unknown, too little is left after the selection, or an image is missing, unreadable or of another
-        size than the others; the message names the file.
+        size than the others of its camera; the message names the file.
     """
     root = Path(path).expanduser().absolute()
     if not root.exists():
@@ -81,37 +85,69 @@ def load_sequence(
     found = find_layout(root, layout, recursive=selection.recursive)
     recording = _read(found, root, selection)
     intrinsics, chain = _intrinsics(recording, root) if camera == "auto" else (UNKNOWN, ())
-    shared = shared_camera(recording.frames, intrinsics, selection.rules)
-    frames = _select(recording, shared.frames, selection, root)
+    grouping = selection.cameras
+    if isinstance(camera, Lens) and grouping == "auto":
+        grouping = "one"
+    if selection.rules < LOADING_RULES:
+        recording, intrinsics = _of_one_camera(recording, intrinsics, selection.rules)
+        grouping = "one"
+    frames = _select(recording, recording.frames, selection, root)
+    with naming(root):
+        facts = _facts(frames, recording, Intrinsics((camera,)) if isinstance(camera, Camera) else intrinsics)
+        if isinstance(camera, Lens):
+            facts = [replace(fact, intrinsics=camera.camera(*fact.size)) for fact in facts]
+        if camera == "auto":
+            _refuse_those_of_others(facts)
+        grouped = group_frames(frames, facts, grouping)
+    frames = grouped.frames
     _require(fewest, frames, recording, root)
-    with naming(root):
-        stored = _common_size(frames)
-    known = shared.camera if isinstance(camera, str) else camera
-    with naming(root):
-        fitted = known.fitted(*stored) if known else None
-        if fitted and camera == "auto":
-            _refuse_those_of_others(fitted)
-    width, height = selection.image_size(*stored)
     read = (*recording.files, *chain)
     return Sequence(
         name=name or root.name,
         root=root,
         layout=found.name,
         frames=frames,
-        width=width,
-        height=height,
-        camera=fitted.scaled(width, height) if fitted else None,
+        cameras=tuple(_resized(known, selection) for known in grouped.cameras),
         ground_truth=_restricted(recording.ground_truth, frames),
-        stored_size=stored,
         has_timestamps=recording.has_timestamps,
         notes=(
             *recording.notes,
-            *shared.notes,
-            *_resized(known, stored),
+            *intrinsics.notes,
+            *grouped.notes,
+            *_resizing_notes((camera,) if isinstance(camera, Camera) else intrinsics.cameras, facts),
             *_of_folder(found, root, frames),
             *unread_files(root, read),
         ),
-        focal_prior=shared.focal_prior * width / stored[0] if shared.focal_prior else None,
+    )
+
+
+def _of_one_camera(recording: Recording, intrinsics: Intrinsics, rules: int) -> tuple[Recording, Intrinsics]:
+    """Return the frames and intrinsics of one camera, for a study that began before sequences could have several."""
+    shared = shared_camera(recording.frames, intrinsics, rules)
+    return replace(recording, frames=shared.frames), Intrinsics((shared.camera,), shared.notes, (shared.focal_prior,))
+
+
+def _facts(frames: tuple[Frame, ...], recording: Recording, intrinsics: Intrinsics) -> list[ImageFacts]:
+    """Return size, intrinsics and focal length of the chosen frames; reads the header of each."""
+    positions = {frame.frame_id: position for position, frame in enumerate(recording.frames)}
+    facts = []
+    for frame in frames:
+        at, size = positions[frame.frame_id], image_size(frame.path)
+        camera = intrinsics.cameras[at if len(intrinsics.cameras) > 1 else 0]
+        prior = intrinsics.focal_priors[at if len(intrinsics.focal_priors) > 1 else 0]
+        facts.append(ImageFacts(size, camera.fitted(*size) if camera else None, prior))
+    return facts
+
+
+def _resized(known: ImageFacts, selection: Selection) -> SequenceCamera:
+    """Return the camera of images that are resized as the selection says."""
+    width, height = selection.image_size(*known.size)
+    return SequenceCamera(
+        width,
+        height,
+        stored_size=known.size,
+        intrinsics=known.intrinsics.scaled(width, height) if known.intrinsics else None,
+        focal_prior=known.focal_prior * width / known.size[0] if known.focal_prior else None,
     )
 
 
@@ -131,15 +167,16 @@ def _intrinsics(recording: Recording, root: Path) -> tuple[Intrinsics, tuple[Pat
     return (chain_intrinsics(chain, root.name), (chain,)) if chain else (own, ())
 
 
-def _refuse_those_of_others(camera: Camera) -> None:
+def _refuse_those_of_others(facts: list[ImageFacts]) -> None:
     """Raise `SequenceError` for intrinsics that cannot be those of the images; files may not say whose they are."""
-    values = dict(zip(camera.param_names, camera.params, strict=True))
-    centre = values.get("cx", 0.0), values.get("cy", 0.0)
-    if not (0 <= centre[0] <= camera.width and 0 <= centre[1] <= camera.height):
-        raise SequenceError(
-            f"the principal point {centre[0]:.0f}, {centre[1]:.0f} lies outside of the images of "
-            f"{camera.width}x{camera.height} pixels, so the intrinsics are those of others; {GIVE_THE_CAMERA}"
-        )
+    for camera in {fact.intrinsics for fact in facts if fact.intrinsics}:
+        values = dict(zip(camera.param_names, camera.params, strict=True))
+        centre = values.get("cx", 0.0), values.get("cy", 0.0)
+        if not (0 <= centre[0] <= camera.width and 0 <= centre[1] <= camera.height):
+            raise SequenceError(
+                f"the principal point {centre[0]:.0f}, {centre[1]:.0f} lies outside of the images of "
+                f"{camera.width}x{camera.height} pixels, so the intrinsics are those of others; {GIVE_THE_CAMERA}"
+            )
 
 
 def _of_folder(layout: Layout, root: Path, frames: tuple[Frame, ...]) -> Notes:
@@ -153,11 +190,16 @@ def _of_folder(layout: Layout, root: Path, frames: tuple[Frame, ...]) -> Notes:
     return (f"{folder} looks like layout '{name}': give that folder to use its camera and poses", *maps_among(frames))
 
 
-def _resized(camera: Camera | None, stored: tuple[int, int]) -> tuple[str, ...]:
-    if camera is None or (camera.width, camera.height) == stored:
-        return ()
-    size = f"{camera.width}x{camera.height}"
-    return (f"the intrinsics are for {size} images and were scaled to those of {stored[0]}x{stored[1]}",)
+def _resizing_notes(cameras: tuple[Camera | None, ...], facts: list[ImageFacts]) -> Iterator[str]:
+    """Yield a note for each pair of sizes between which intrinsics were scaled."""
+    described = {camera.size for camera in cameras if camera}
+    if not described:
+        return
+    stored = dict.fromkeys(fact.size for fact in facts if fact.intrinsics)
+    for size in stored:
+        if size not in described:
+            before = " or ".join(f"{width}x{height}" for width, height in sorted(described))
+            yield f"the intrinsics are for {before} images and were scaled to those of {size[0]}x{size[1]}"
 
 
 def _select(recording: Recording, frames: tuple[Frame, ...], selection: Selection, root: Path) -> tuple[Frame, ...]:
@@ -181,19 +223,6 @@ def _require(fewest: int, frames: tuple[Frame, ...], recording: Recording, root:
         f"{root}: the selection leaves {len(frames)} of the {len(recording.frames)} frames, at least {fewest} are "
         "needed; change start, stop, stride, rate_hz, max_frames or exclude"
     )
-
-
-def _common_size(frames: tuple[Frame, ...]) -> tuple[int, int]:
-    """Return the (width, height) that all images share."""
-    first = image_size(frames[0].path)
-    for frame in frames[1:]:
-        size = image_size(frame.path)
-        if size != first:
-            raise SequenceError(
-                f"{frame.path}: expected {first[0]}x{first[1]} pixels like {frames[0].path.name}, not "
-                f"{size[0]}x{size[1]}; a sequence comes from one camera: resize the image, or leave it out with exclude"
-            )
-    return first
 
 
 def _restricted(ground_truth: Trajectory | None, frames: tuple[Frame, ...]) -> Trajectory | None:

@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence as Items
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.value import Frame
@@ -13,8 +14,14 @@ from gtf_tune.sequence.value import Frame
 _EARLY = 1e-3
 
 
-LOADING_RULES = 2
-"""Rules by which folders are read now; rules 1 read fewer formats and kept the images of all cameras."""
+LOADING_RULES = 3
+"""Rules by which folders are read now.
+
+Rules 1 read fewer formats and took all images for those of one camera; rules 2 kept the images of one camera only.
+"""
+
+Grouping = Literal["auto", "one", "per-folder", "per-image", "largest"]
+"""Which images share a camera; see `gtf_tune.sequence.grouping.group_frames`."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +43,9 @@ class Selection:
     ``exclude`` leaves images out before all that, by glob patterns of their names or of their paths below the folder;
     frames keep their numbers. ``recursive`` takes the images of subfolders too where the data set is a plain folder.
 
+    ``cameras`` says which images share a camera: "auto" asks the data set and the image files; "one", "per-folder" and
+    "per-image" are COLMAP's; "largest" keeps only the images of the camera that took most of them.
+
     ``rules`` are `LOADING_RULES`, or those that a stored study began with, so that it keeps its frames.
 
     ``max_image_size`` shrinks images so that the longer side has at most that many pixels (0 leaves them); intrinsics
@@ -55,6 +65,7 @@ class Selection:
     max_image_size: int = 0
     exclude: tuple[str, ...] = ()
     recursive: bool = False
+    cameras: Grouping = "auto"
     rules: int = LOADING_RULES
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Sequence as a value: ordered frames of one camera and what is known of them."""
+"""Sequence as a value: ordered frames, the cameras that took them and what is known of them."""
 
 import hashlib
 import struct
@@ -11,6 +11,7 @@ import cv2
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
+from gtf_tune.sequence.cameras import SequenceCamera, cameras_key, check_numbers, commonest
 from gtf_tune.sequence.image_noise import GreyImage
 from gtf_tune.sequence.images import read_grey
 from gtf_tune.trajectory import Trajectory
@@ -21,39 +22,107 @@ _STAMPS = "stamps of files"
 
 @dataclass(frozen=True)
 class Frame:
-    """One image of a sequence: its position in the whole recording, its file, and its time in seconds."""
+    """One image of a sequence.
+
+    ``frame_id`` is its position in the whole recording, ``timestamp`` in seconds, ``camera`` the position of its camera
+    among those of the sequence.
+    """
 
     frame_id: int
     path: Path
     timestamp: float
+    camera: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class Sequence:
-    """Ordered images of one camera.
+    """Ordered images of one or more cameras.
 
-    ``width`` and ``height`` are what the pipeline sees, in pixels; ``stored_size`` is that of the files. ``camera``
-    belongs to the images as the pipeline sees them. ``ground_truth`` has the frame ids of the frames that have a pose.
-    ``has_timestamps`` is false where the data set only orders its images; timestamps then count frames. ``notes`` say
-    what the loader found odd. ``focal_prior`` is a focal length in pixels, as the pipeline sees the images, to start
-    from where the camera is unknown.
+    ``ground_truth`` has the frame ids of the frames that have a pose. ``has_timestamps`` is false where the data set
+    only orders its images; timestamps then count frames. ``notes`` say what the loader found odd.
+
+    Raises
+    ------
+    SequenceError
+        An image is by a camera that is not among ``cameras``.
     """
 
     name: str
     root: Path
     layout: str
     frames: tuple[Frame, ...]
-    width: int
-    height: int
-    camera: Camera | None
+    cameras: tuple[SequenceCamera, ...]
     ground_truth: Trajectory | None
-    stored_size: tuple[int, int]
     has_timestamps: bool = True
     notes: tuple[str, ...] = ()
-    focal_prior: float | None = None
+
+    def __post_init__(self) -> None:
+        check_numbers(self.cameras, self.taken_by)
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    @property
+    def taken_by(self) -> tuple[int, ...]:
+        """Return the position of each frame's camera among ``cameras``."""
+        return tuple(frame.camera for frame in self.frames)
+
+    @property
+    def main_camera(self) -> SequenceCamera:
+        """Return the camera that took the most images."""
+        return self.cameras[commonest(self.taken_by)] if self.frames else self.cameras[0]
+
+    @property
+    def width(self) -> int:
+        """Return the width in pixels of the images of the main camera, as the pipeline sees them."""
+        return self.main_camera.width
+
+    @property
+    def height(self) -> int:
+        """Return the height in pixels of the images of the main camera, as the pipeline sees them."""
+        return self.main_camera.height
+
+    @property
+    def stored_size(self) -> tuple[int, int]:
+        """Return (width, height) in pixels of the files of the main camera."""
+        return self.main_camera.stored_size
+
+    @property
+    def longest_side(self) -> int:
+        """Return the longest side in pixels of any image, as the pipeline sees them."""
+        return max(max(camera.size) for camera in self.cameras)
+
+    @property
+    def camera(self) -> Camera | None:
+        """Return the intrinsics of the only camera; ``None`` where they are unknown or there are several cameras."""
+        return self.cameras[0].intrinsics if len(self.cameras) == 1 else None
+
+    @property
+    def focal_prior(self) -> float | None:
+        """Return the focal length in pixels that the only camera has as a prior."""
+        return self.cameras[0].focal_prior if len(self.cameras) == 1 else None
+
+    @property
+    def cameras_key(self) -> str:
+        """Return the key of the cameras and of who took what; of one camera that of its intrinsics or "unknown"."""
+        return cameras_key(self.cameras, self.taken_by)
+
+    def camera_of(self, frame: Frame) -> SequenceCamera:
+        """Return the camera that took a frame."""
+        return self.cameras[frame.camera]
+
+    def with_camera(self, intrinsics: Camera | None) -> "Sequence":
+        """Return a sequence of one camera with these intrinsics for the images as the pipeline sees them."""
+        return replace(self, cameras=(replace(self.cameras[0], intrinsics=intrinsics),))
+
+    def with_prior(self, focal_prior: float | None) -> "Sequence":
+        """Return a sequence of one camera with this focal length in pixels to start from."""
+        return replace(self, cameras=(replace(self.cameras[0], focal_prior=focal_prior),))
+
+    def of_camera(self, number: int) -> "Sequence":
+        """Return the part of the sequence that one camera took, as a sequence of one camera."""
+        frames = tuple(replace(frame, camera=0) for frame in self.frames if frame.camera == number)
+        return replace(self, frames=frames, cameras=(self.cameras[number],))
 
     def read_grey(self, frame: Frame) -> GreyImage:
         """Return the 8-bit grey pixels of a frame, of shape (height, width), as the pipeline sees them.
@@ -63,14 +132,14 @@ class Sequence:
         SequenceError
             The file is missing, damaged or has changed its size since the sequence was loaded.
         """
-        grey = read_grey(frame.path)
-        if grey.shape[::-1] != self.stored_size:
+        grey, camera = read_grey(frame.path), self.camera_of(frame)
+        if grey.shape[::-1] != camera.stored_size:
             raise SequenceError(
-                f"{frame.path}: expected {self.stored_size[0]}x{self.stored_size[1]} pixels like the other images, "
+                f"{frame.path}: expected {camera.stored_size[0]}x{camera.stored_size[1]} pixels like the other images, "
                 f"not {grey.shape[1]}x{grey.shape[0]}; resize or remove it"
             )
-        if grey.shape != (self.height, self.width):
-            grey = cv2.resize(grey, (self.width, self.height), interpolation=cv2.INTER_AREA)
+        if grey.shape[::-1] != camera.size:
+            grey = cv2.resize(grey, camera.size, interpolation=cv2.INTER_AREA)
         return grey
 
     @cached_property
@@ -84,7 +153,7 @@ class Sequence:
         total = hashlib.sha256()
         with ThreadPoolExecutor(_FINGERPRINT_THREADS) as pool:
             for frame, pixels in zip(self.frames, pool.map(self._pixel_digest, self.frames), strict=True):
-                total.update(struct.pack("<qqq", frame.frame_id, self.width, self.height) + pixels)
+                total.update(struct.pack("<qqq", frame.frame_id, *self.camera_of(frame).size) + pixels)
         self.__dict__[_STAMPS] = stamps
         return total.hexdigest()
 

@@ -1,7 +1,7 @@
 """Open a stored study for work on this machine: its definition, pipeline, sequences and Optuna study."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import optuna
@@ -11,7 +11,7 @@ from gtf_tune.definition import DEFAULT_TRIALS, SequenceDefinition, StudyDefinit
 from gtf_tune.errors import DefinitionError, SequenceError
 from gtf_tune.pipelines import Pipeline, create_pipeline, with_focal_prior
 from gtf_tune.pipelines.run import RunRequest
-from gtf_tune.sequence import FEWEST_FRAMES, LOADING_RULES, Camera, Selection, Sequence, layout_names, load_sequence
+from gtf_tune.sequence import FEWEST_FRAMES, LOADING_RULES, Lens, Selection, Sequence, layout_names, load_sequence
 from gtf_tune.store import studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.store.enqueued import numbers_of
@@ -22,6 +22,7 @@ from gtf_tune.study.runs.plan import RunPlanner, SeedSource
 from gtf_tune.study.scoring.objective import check_rules
 from gtf_tune.study.search.samplers import make_pruner
 from gtf_tune.study.search.space import SearchSpace, build_space
+from gtf_tune.study.stored_cameras import camera_change, camera_columns, with_stored_cameras
 
 _FIRST_RULES = 1
 _UNKNOWN = "unknown"
@@ -58,12 +59,9 @@ def load_stored_sequence(definition: SequenceDefinition, stored: StudySequence, 
         found = _load(definition, folder, rules)
     except SequenceError as error:
         found, fault = _load(definition.model_copy(update={"camera": _UNKNOWN}), folder, rules), str(error)
-    prior = stored.info.get("focal_prior")
-    sequence = replace(found, camera=_stored_camera(stored), focal_prior=None if prior is None else float(prior))
+    sequence = with_stored_cameras(found, stored)
     check_fingerprint(sequence, stored.fingerprint)  # of what is handed out, which remembers the files that it saw
-    if fault or found.camera != sequence.camera:
-        return sequence, _change(sequence, found.camera, fault)
-    return sequence, ""
+    return sequence, camera_change(sequence, found, fault)
 
 
 def load_stored_images(definition: SequenceDefinition, stored: StudySequence, folder: Path) -> Sequence:
@@ -81,7 +79,7 @@ def load_stored_images(definition: SequenceDefinition, stored: StudySequence, fo
 
 def sequence_row(path: str, sequence: Sequence) -> StudySequence:
     """Return what is stored of a sequence with a study, so that the study keeps it."""
-    prior = {} if sequence.focal_prior is None else {"focal_prior": sequence.focal_prior}
+    camera, info = camera_columns(sequence)
     return StudySequence(
         name=sequence.name,
         path=path,
@@ -90,9 +88,9 @@ def sequence_row(path: str, sequence: Sequence) -> StudySequence:
         num_frames=len(sequence),
         width=sequence.width,
         height=sequence.height,
-        camera=_camera_text(sequence.camera),
+        camera=camera,
         has_ground_truth=sequence.ground_truth is not None,
-        info={"loading_rules": LOADING_RULES, **prior},
+        info={"loading_rules": LOADING_RULES, **info},
     )
 
 
@@ -114,36 +112,14 @@ def _in_stored_layout(definition: SequenceDefinition, stored: StudySequence) -> 
 
 
 def _load(definition: SequenceDefinition, folder: Path, rules: int) -> Sequence:
-    sequence = load_sequence(
+    selection = Selection(**definition.selection, rules=rules)
+    return load_sequence(
         folder,
         name=definition.name,
         layout=definition.layout,
-        selection=Selection(**definition.selection, rules=rules),
-        camera="auto" if definition.camera == "auto" else "unknown",
+        selection=selection,
+        camera=definition.camera if isinstance(definition.camera, str) else Lens(**definition.camera.model_dump()),
         fewest=FEWEST_FRAMES,
-    )
-    if isinstance(definition.camera, str):
-        return sequence
-    camera = Camera(definition.camera.model, *sequence.stored_size, params=tuple(definition.camera.params))
-    return replace(sequence, camera=camera.scaled(sequence.width, sequence.height))
-
-
-def _stored_camera(stored: StudySequence) -> Camera | None:
-    if stored.camera == _UNKNOWN:
-        return None
-    model, *params = stored.camera.split()
-    return Camera(model, stored.width, stored.height, tuple(float(value) for value in params))
-
-
-def _camera_text(camera: Camera | None) -> str:
-    return f"{camera.model} {' '.join(repr(value) for value in camera.params)}" if camera else _UNKNOWN
-
-
-def _change(sequence: Sequence, now: Camera | None, fault: str) -> str:
-    says = f"its files cannot be used any more ({fault})" if fault else f"its files now say {_camera_text(now)}"
-    return (
-        f"sequence '{sequence.name}' keeps the intrinsics that the study began with, {_camera_text(sequence.camera)}, "
-        f"although {says}"
     )
 
 

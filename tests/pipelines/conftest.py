@@ -1,6 +1,8 @@
 """Small scenes that COLMAP can reconstruct in seconds."""
 
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 import cv2
 import numpy as np
@@ -8,12 +10,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from gtf_tune.sequence import Camera, Frame, Sequence
+from gtf_tune.sequence import Camera, Frame, Sequence, SequenceCamera
 from gtf_tune.testing import FolderStages
 from gtf_tune.trajectory import Trajectory
 
 WIDTH, HEIGHT, FOCAL = 240, 180, 220.0
 TEXELS = 512
+NO_FOCALS: Mapping[int, float] = MappingProxyType({})
 
 # Centre, half size and depth of upright rectangles, far to near.
 RECTANGLES = (((0.0, 0.0), 6.0, 7.0), ((-1.4, 0.3), 0.9, 4.5), ((1.3, -0.4), 0.8, 3.8), ((0.1, 0.7), 0.5, 3.0))
@@ -43,25 +46,39 @@ def _view(camera: NDArray[np.float64], rotation: NDArray[np.float64], centre: ND
     return image
 
 
-def make_scene(folder: Path, frames: int) -> Sequence:
-    """Render images into a folder and return them as a sequence with known intrinsics and ground truth."""
-    intrinsics = np.array([[FOCAL, 0, (WIDTH - 1) / 2], [0, FOCAL, (HEIGHT - 1) / 2], [0, 0, 1]])
+def make_scene(
+    folder: Path, frames: int, focals: Mapping[int, float] = NO_FOCALS, turned: Collection[int] = ()
+) -> Sequence:
+    """Render images into a folder and return them as a sequence with known intrinsics and ground truth.
+
+    ``focals`` are focal lengths in pixels of images other than `FOCAL`; ``turned`` images are upright.
+    """
     steps = np.linspace(-1, 1, frames)
     centres = np.stack([1.2 * steps, 0.3 * np.cos(3 * steps), 0.4 * np.sin(2 * steps)], axis=1)
     turns = Rotation.from_euler("yx", np.stack([0.25 * steps, 0.05 * np.sin(4 * steps)], axis=1))
-    found = []
+    found: list[Frame] = []
+    cameras: list[SequenceCamera] = []
     for index, (centre, turn) in enumerate(zip(centres, turns, strict=True)):
-        path = folder / f"{index:03d}.png"
-        cv2.imwrite(str(path), _view(intrinsics, turn.as_matrix(), centre))
-        found.append(Frame(3 * index, path, index / 10))
+        path, focal = folder / f"{index:03d}.png", focals.get(index, FOCAL)
+        intrinsics = np.array([[focal, 0, (WIDTH - 1) / 2], [0, focal, (HEIGHT - 1) / 2], [0, 0, 1]])
+        view = _view(intrinsics, turn.as_matrix(), centre)
+        cv2.imwrite(str(path), np.rot90(view) if index in turned else view)
+        camera = _camera(focal, *((HEIGHT, WIDTH) if index in turned else (WIDTH, HEIGHT)))
+        if camera not in cameras:
+            cameras.append(camera)
+        found.append(Frame(3 * index, path, index / 10, cameras.index(camera)))
     truth = Trajectory(
         frame_ids=np.arange(0, 3 * frames, 3),
         timestamps=np.arange(frames) / 10,
         positions=centres,
         quaternions=turns.inv().as_quat(),
     )
-    camera = Camera("PINHOLE", WIDTH, HEIGHT, (FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2))
-    return Sequence("scene", folder, "folder", tuple(found), WIDTH, HEIGHT, camera, truth, (WIDTH, HEIGHT))
+    return Sequence("scene", folder, "folder", tuple(found), tuple(cameras), truth)
+
+
+def _camera(focal: float, width: int, height: int) -> SequenceCamera:
+    intrinsics = Camera("PINHOLE", width, height, (focal, focal, width / 2, height / 2))
+    return SequenceCamera(width, height, (width, height), intrinsics)
 
 
 @pytest.fixture(scope="session")

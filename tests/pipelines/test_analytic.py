@@ -45,7 +45,7 @@ def run(
     seed: int = 1,
 ) -> PipelineOutput:
     images = ImageSource(imaginary_sequence(40), sigma=sigma, seed=noise_seed)
-    job = PipelineJob(images, None, options or {}, seed, 1, NOWHERE, FolderStages(NOWHERE))
+    job = PipelineJob(images, options or {}, seed, 1, NOWHERE, FolderStages(NOWHERE))
     return create_pipeline("analytic", settings).run(job)
 
 
@@ -192,7 +192,7 @@ def test_a_run_can_take_its_process_with_it(failure: str, code: int) -> None:
 def test_a_run_without_frames_is_a_failure() -> None:
     images = ImageSource(replace(imaginary_sequence(2)))
     job = PipelineJob(
-        images, None, {"filter.max_error": 1e-6, "matching.max_ratio": 0.1}, 1, 1, NOWHERE, FolderStages(NOWHERE)
+        images, {"filter.max_error": 1e-6, "matching.max_ratio": 0.1}, 1, 1, NOWHERE, FolderStages(NOWHERE)
     )
 
     outcomes = []

@@ -232,7 +232,7 @@ mapper --database_path S/database.db --output_path W/sparse --output_format txt 
 def frames() -> Sequence:
     sequence = imaginary_sequence(3)
     spaced = tuple(dataclasses.replace(frame, timestamp=frame.frame_id / 25) for frame in sequence.frames)
-    return dataclasses.replace(sequence, frames=spaced, camera=Camera("PINHOLE", 64, 48, (50.0, 51.0, 32.5, 24.5)))
+    return dataclasses.replace(sequence, frames=spaced).with_camera(Camera("PINHOLE", 64, 48, (50.0, 51.0, 32.5, 24.5)))
 
 
 def in_folder(value: Any, folder: Path) -> Any:

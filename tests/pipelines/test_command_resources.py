@@ -1,6 +1,5 @@
 """What a program shares or is given: the CUDA device, settings files of every format, placeholders of the sequence."""
 
-import dataclasses
 import json
 import sys
 from pathlib import Path
@@ -67,7 +66,7 @@ def test_two_runs_of_a_program_without_a_device_go_side_by_side(tmp_path: Path) 
 @pytest.fixture(scope="module")
 def frames() -> Sequence:
     camera = Camera("OPENCV", 64, 48, (50.0, 51.0, 32.5, 24.5, 0.1, 0.0, 0.0, 0.0))
-    return dataclasses.replace(imaginary_sequence(3), camera=camera)
+    return imaginary_sequence(3).with_camera(camera)
 
 
 def seen_by(program: str, frames: Sequence, folder: Path, settings: dict[str, object], **options: object) -> object:

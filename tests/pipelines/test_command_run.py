@@ -43,7 +43,7 @@ def frames() -> Sequence:
     sequence = imaginary_sequence(FRAMES)
     spread = tuple(Frame(3 * frame.frame_id, frame.path, frame.timestamp) for frame in sequence.frames)
     camera = Camera("OPENCV", 64, 48, (50.0, 51.0, 32.0, 24.0, 0.1, 0.0, 0.0, 0.0))
-    return dataclasses.replace(sequence, frames=spread, camera=camera, ground_truth=ground_truth(range(0, 18, 3)))
+    return dataclasses.replace(sequence, frames=spread, ground_truth=ground_truth(range(0, 18, 3))).with_camera(camera)
 
 
 def script(folder: Path, code: str) -> str:
@@ -375,8 +375,8 @@ def _seen(action: Callable[[], object], log: Path) -> Any:
 
 def test_a_program_that_wants_intrinsics_says_so(frames: Sequence, tmp_path: Path) -> None:
     pipeline = create({"arguments": [*PYTHON, script(tmp_path, ""), "{camera_fx}"]})
-    unknown = dataclasses.replace(frames, camera=None)
-    fisheye = dataclasses.replace(frames, camera=Camera("FOV", 64, 48, (50.0, 50.0, 32.0, 24.0, 0.9)))
+    unknown = frames.with_camera(None)
+    fisheye = frames.with_camera(Camera("FOV", 64, 48, (50.0, 50.0, 32.0, 24.0, 0.9)))
 
     for number, sequence in enumerate((unknown, fisheye)):
         with pytest.raises(RunError, match=r"\{camera_fx\}.*give the camera of the sequence"):

@@ -1,6 +1,5 @@
 """The driver keeps to DROID-SLAM's own interface, tried on a CPU with a stand-in of its module and of torch."""
 
-import dataclasses
 import json
 import math
 import shutil
@@ -170,7 +169,7 @@ def test_images_and_intrinsics_are_prepared_as_in_the_demo(scene: Sequence, tmp_
     distortion = Camera("OPENCV", 240, 180, (220.0, 210.0, 120.0, 91.0, *coefficients))
     camera = distortion if distorted else Camera("PINHOLE", 240, 180, (220.0, 210.0, 120.0, 91.0))
 
-    run(checkout, dataclasses.replace(scene, camera=camera), tmp_path)
+    run(checkout, scene.with_camera(camera), tmp_path)
 
     # demo.py: undistort, resize to about 384 * 512 pixels, crop to multiples of 8, scale the intrinsics alike.
     image = cv2.cvtColor(scene.read_grey(scene.frames[0]), cv2.COLOR_GRAY2BGR)
@@ -250,7 +249,7 @@ def test_unknown_and_foreign_intrinsics_are_refused(scene: Sequence, tmp_path: P
 
     for number, (camera, told) in enumerate([(None, "they are unknown"), (fisheye, "of the model OPENCV_FISHEYE")]):
         with pytest.raises(RunError, match=told):
-            run(checkout, dataclasses.replace(scene, camera=camera), tmp_path / str(number))
+            run(checkout, scene.with_camera(camera), tmp_path / str(number))
 
 
 def test_every_missing_part_is_told_at_once(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """Where intrinsics are unknown, the COLMAP pipelines start from the focal length that COLMAP itself reads."""
 
-from dataclasses import replace
-
 import numpy as np
 import pycolmap
 import pytest
@@ -58,19 +56,18 @@ def test_other_pipelines_and_known_cameras_have_no_prior(tmp_path):
     sequence = _loaded(tmp_path, FocalLengthIn35mmFilm=28)
 
     assert with_focal_prior(sequence, create_pipeline("analytic")) is sequence
-    assert with_focal_prior(replace(sequence, camera=CAMERA), GLOMAP).focal_prior is None
+    assert with_focal_prior(sequence.with_camera(CAMERA), GLOMAP).focal_prior is None
 
 
 def test_a_run_is_another_one_only_with_a_prior_that_acts(tmp_path):
     sequence = _loaded(tmp_path, FocalLengthIn35mmFilm=28)
 
-    def key(**change):
-        changed = replace(sequence, **change)
+    def key(changed):
         return RunRequest(GLOMAP, {}, changed, "clean", 0, 0.0, 0, 1).key
 
-    assert key(focal_prior=300.0) != key()
-    assert key(focal_prior=300.0) != key(focal_prior=301.0)
-    assert key(focal_prior=300.0, camera=CAMERA) == key(camera=CAMERA)
+    assert key(sequence.with_prior(300.0)) != key(sequence)
+    assert key(sequence.with_prior(300.0)) != key(sequence.with_prior(301.0))
+    assert key(sequence.with_prior(300.0).with_camera(CAMERA)) == key(sequence.with_camera(CAMERA))
 
 
 @pytest.mark.parametrize("model", ["SIMPLE_RADIAL", "OPENCV"])
@@ -101,13 +98,11 @@ def _stored_camera(folder, sequence, model):
     (folder / "stages").mkdir()
     job = PipelineJob(
         images=ImageSource(sequence),
-        camera=None,
         options={},
         seed=1,
         threads=1,
         workspace=folder / "work",
         stages=FolderStages(folder / "stages"),
-        focal_prior=sequence.focal_prior,
     )
     built = pipeline._tree.build({}, threads=1, seed=1)
     database = StagedRun(job, built, pipeline.settings, pipeline.version)._features()

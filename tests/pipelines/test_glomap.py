@@ -1,6 +1,5 @@
 """GLOMAP keeps the pipeline contract, finds the cameras and equals the uninterrupted mapper."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +96,7 @@ def test_split_mapping_equals_the_uninterrupted_mapper_to_the_bit(
 
 
 def test_unknown_intrinsics_are_calibrated_first(scene: Sequence, kept_stages: FolderStages, tmp_path: Path) -> None:
-    case = ContractCase(create_pipeline("glomap"), replace(scene, camera=None))
+    case = ContractCase(create_pipeline("glomap"), scene.with_camera(None))
 
     output = case.run(tmp_path, kept_stages)
 
@@ -110,7 +109,7 @@ def test_unknown_intrinsics_give_what_colmap_gives_in_one_go(
     scene: Sequence, kept_stages: FolderStages, tmp_path: Path
 ) -> None:
     pipeline: Any = create_pipeline("glomap")
-    case = ContractCase(pipeline, replace(scene, camera=None))
+    case = ContractCase(pipeline, scene.with_camera(None))
     output = case.run(tmp_path / "staged", kept_stages)
 
     job = case.job(tmp_path / "whole", kept_stages, {})

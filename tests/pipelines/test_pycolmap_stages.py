@@ -43,8 +43,8 @@ def keys_of(
 ) -> dict[str, str]:
     """Return the key of every stage of a glomap run on images of an unknown camera."""
     pipeline: Any = create_pipeline("glomap", settings or {})
-    images = ImageSource(imaginary_sequence(5))
-    values = {"images": images, "camera": None, "seed": 1, "threads": 1} | job
+    images = ImageSource(imaginary_sequence(5).with_camera(job.pop("camera", None)))
+    values = {"images": images, "seed": 1, "threads": 1} | job
     full = PipelineJob(**values, options=pipeline.options.check(options or {}), workspace=NOWHERE, stages=_Keys({}))
     built = pipeline._tree.build(full.options, threads=full.threads, seed=full.seed)
     staged = StagedRun(full, built, pipeline.settings, version or pipeline.version)

@@ -21,7 +21,7 @@ def commands(text: str) -> dict[str, dict[str, str]]:
 
 
 def test_every_command_has_its_paths_and_options() -> None:
-    photographs = Photographs(Path("/my photos"), ["a.jpg"], CAMERA)
+    photographs = Photographs(Path("/my photos"), ["a.jpg"], (CAMERA,))
 
     found = commands(colmap_shell_script("glomap", photographs, {}, SET_BY_SHELL))
 
@@ -35,20 +35,20 @@ def test_every_command_has_its_paths_and_options() -> None:
 
 
 def test_the_view_graph_is_calibrated_only_where_the_intrinsics_are_unknown() -> None:
-    unknown = Photographs(Path("/photos"), [], None)
+    unknown = Photographs(Path("/photos"), [], (None,))
 
     assert "view_graph_calibrator" in commands(colmap_shell_script("glomap", unknown, {}, {}))
     assert "view_graph_calibrator" not in commands(colmap_shell_script("colmap", unknown, {}, {}))
 
 
 def test_what_the_command_line_cannot_set_is_said() -> None:
-    text = colmap_shell_script("glomap", Photographs(Path("/photos"), [], CAMERA), {}, NOT_SET_BY_SHELL)
+    text = colmap_shell_script("glomap", Photographs(Path("/photos"), [], (CAMERA,)), {}, NOT_SET_BY_SHELL)
 
     assert "# COLMAP's command line cannot set verification.min_inlier_ratio = 0.25; run.py does" in text
 
 
 def test_a_shell_reads_the_script(tmp_path: Path) -> None:
-    text = colmap_shell_script("colmap", Photographs(Path('/it\'s "here"'), [], CAMERA), {}, SET_BY_SHELL)
+    text = colmap_shell_script("colmap", Photographs(Path('/it\'s "here"'), [], (CAMERA,)), {}, SET_BY_SHELL)
     (tmp_path / "run.sh").write_text(text)
     (tmp_path / "colmap").write_text('#!/bin/sh\nprintf "%s\\n" "$@" >> "$CALLS"\n')
     (tmp_path / "colmap").chmod(0o755)

@@ -287,7 +287,7 @@ def _outcome(request: RunRequest, number: int, *, fails: bool) -> RunOutcome:
         "versions": {"analytic": "1"},
     }
     common |= {"started_at": BEGIN + 1.1 * number, "peak_memory_bytes": 300 * 2**20}
-    job = PipelineJob(request.images, None, request.options, request.seed, 1, Path(), None)  # type: ignore[arg-type]
+    job = PipelineJob(request.images, request.options, request.seed, 1, Path(), None)  # type: ignore[arg-type]
     try:
         trajectory = Trajectory.empty() if fails else request.pipeline.run(job).trajectory
     except RunError:

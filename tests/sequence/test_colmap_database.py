@@ -3,7 +3,6 @@
 import sqlite3
 import struct
 from contextlib import closing
-from dataclasses import replace
 
 import pytest
 
@@ -63,7 +62,7 @@ def test_a_mere_focal_length_is_where_the_pipeline_starts_from(photographs):
     assert sequence.notes[0].startswith("database.db has only a focal length, 50 pixels")
     assert with_focal_prior(sequence, create_pipeline("glomap")).focal_prior == pytest.approx(25.0)
     assert with_focal_prior(sequence, create_pipeline("analytic")).focal_prior is None
-    assert with_focal_prior(replace(sequence, focal_prior=None), create_pipeline("glomap")).focal_prior is None
+    assert with_focal_prior(sequence.with_prior(None), create_pipeline("glomap")).focal_prior is None
 
 
 @pytest.mark.parametrize(
@@ -85,13 +84,17 @@ def test_what_a_database_does_not_say_is_noted(photographs, given, note):
     assert sequence.notes[0].endswith(": intrinsics count as unknown")
 
 
-def test_different_cameras_leave_no_image_out(photographs):
+def test_each_image_has_its_camera_of_the_database(photographs):
     write_database(photographs / "database.db", CALIBRATED, FROM_EXIF)
 
     sequence = load_sequence(photographs)
 
-    assert (sequence.camera, len(sequence)) == (None, miniatures.COUNT)
-    assert "has 2 different cameras for these images" in sequence.notes[0]
+    assert sequence.taken_by == tuple(n % 2 for n in range(miniatures.COUNT))
+    assert [(camera.intrinsics, camera.focal_prior) for camera in sequence.cameras] == [
+        (Camera("OPENCV", 64, 48, CALIBRATED[1]), None),
+        (None, 50.0),
+    ]
+    assert sequence.notes == ("2 cameras come from database.db, 1 of them with known intrinsics",)
 
 
 @pytest.mark.parametrize("content", [b"", b"1 2 3", b"SQLite format 3\0" + bytes(100)])

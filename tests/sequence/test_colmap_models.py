@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence import Camera, load_sequence
+from gtf_tune.sequence import Camera, Selection, load_sequence
 from tests.sequence import miniatures
 from tests.sequence.miniatures import COUNT, model_text
 
@@ -66,18 +66,19 @@ def test_cameras_that_no_image_uses_do_not_matter(project):
     assert load_sequence(project).camera == Camera("PINHOLE", 64, 48, (50, 51, 32, 24))
 
 
-def test_of_images_of_two_cameras_the_larger_group_is_used(tmp_path):
+def test_each_image_has_its_camera_of_a_model_with_three(tmp_path):
     names = [f"{n}.png" for n in range(9)]
     miniatures.images(tmp_path, [f"images/{name}" for name in names])
-    model_text(tmp_path / "sparse" / "0", names, {name: 2 for name in names[:5]})
+    model_text(tmp_path / "sparse" / "0", names, {name: 2 + (name > "2.png") for name in names[:5]})
     with (tmp_path / "sparse" / "0" / "cameras.txt").open("a") as file:
-        file.write("2 PINHOLE 64 48 60 60 32 24\n")
+        file.write("2 PINHOLE 64 48 60 60 32 24\n3 SIMPLE_RADIAL 64 48 55 32 24 0.1\n")
 
-    sequence = load_sequence(tmp_path)
+    sequence = load_sequence(tmp_path, selection=Selection(max_image_size=32))
 
-    assert sequence.camera.params == (60, 60, 32, 24)
-    assert [frame.path.name for frame in sequence.frames] == names[:5]
-    assert "4 are left out: 5.png, 6.png, 7.png, 8.png" in sequence.notes[0]
+    assert sequence.taken_by == (0, 0, 0, 1, 1, 2, 2, 2, 2)
+    assert [camera.intrinsics.model for camera in sequence.cameras] == ["PINHOLE", "SIMPLE_RADIAL", "PINHOLE"]
+    assert [camera.intrinsics.params[0] for camera in sequence.cameras] == [30, 27.5, 25]
+    assert sequence.notes == ()
 
 
 def test_two_ids_of_equal_intrinsics_are_one_camera(project):

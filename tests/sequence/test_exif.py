@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image, TiffImagePlugin
 
-from gtf_tune.sequence import inspect_sequence, load_sequence
+from gtf_tune.sequence import Selection, inspect_sequence, load_sequence
 from gtf_tune.sequence.exif import ExifFacts, exif_facts, exif_notes
 
 
@@ -50,8 +50,34 @@ def test_an_orientation_is_noted_and_not_applied(tmp_path):
     )
 
 
-def test_focal_lengths_that_differ_are_noted(tmp_path):
-    sequence = _sequence(tmp_path, [{"FocalLengthIn35mmFilm": value} for value in (26, 26, 52)])
+def test_photographs_are_grouped_by_make_model_focal_length_and_size(tmp_path):
+    phone = {"Make": "Maker", "Model": "One", "FocalLengthIn35mmFilm": 26}
+    tags = [phone, phone | {"Orientation": 6}, phone | {"FocalLengthIn35mmFilm": 52}, phone | {"Model": "Two"}, {}]
+    for number, given in enumerate([*tags, phone | {"size": (48, 64)}, phone]):
+        photograph(tmp_path / f"{number}.jpg", number, **given)
+
+    sequence = load_sequence(tmp_path)
+
+    assert sequence.taken_by == (0, 0, 1, 2, 3, 4, 0)
+    assert [camera.size for camera in sequence.cameras] == [(64, 48)] * 4 + [(48, 64)]
+    assert not any("focal lengths" in note for note in exif_notes(sequence))
+
+
+def test_images_are_grouped_as_asked(tmp_path):
+    for number in range(4):
+        photograph(tmp_path / f"{number % 2}" / f"{number}.jpg", number, FocalLengthIn35mmFilm=20 + number)
+
+    def taken_by(cameras):
+        return load_sequence(tmp_path, selection=Selection(recursive=True, cameras=cameras)).taken_by
+
+    assert taken_by("auto") == taken_by("per-image") == (0, 1, 2, 3)
+    assert taken_by("per-folder") == (0, 0, 1, 1)
+    assert taken_by("one") == (0, 0, 0, 0)
+
+
+def test_focal_lengths_that_differ_are_noted_where_one_camera_is_asked_for(tmp_path):
+    _sequence(tmp_path, [{"FocalLengthIn35mmFilm": value} for value in (26, 26, 52)])
+    sequence = load_sequence(tmp_path, selection=Selection(cameras="one"))
 
     (note,) = exif_notes(sequence)
 

@@ -65,12 +65,13 @@ def test_a_name_can_be_given(tmp_path, write_images):
     assert load_sequence(tmp_path, name="mine").name == "mine"
 
 
-def test_images_of_different_sizes_are_refused(tmp_path, write_images):
+def test_images_of_different_sizes_are_not_those_of_one_camera(tmp_path, write_images):
     write_images(tmp_path, ["0.png", "1.png"])
     cv2.imwrite(str(tmp_path / "2.png"), np.zeros((48, 65), np.uint8))
 
+    assert load_sequence(tmp_path).taken_by == (0, 0, 1)
     with pytest.raises(SequenceError, match=r"2\.png: expected 64x48 pixels like 0\.png, not 65x48"):
-        load_sequence(tmp_path)
+        load_sequence(tmp_path, selection=Selection(cameras="one"))
 
 
 def test_an_empty_image_is_refused_at_once_and_a_damaged_one_when_read(tmp_path, write_images):

@@ -106,9 +106,9 @@ def test_a_camera_that_stands_still_is_noticed(tmp_path):
 
 
 def test_unknown_and_odd_intrinsics_are_noticed(room):
-    odd = replace(room, camera=Camera("PINHOLE", room.width, room.height, (60.0, 60.0, 20.0, 180.0)))
+    odd = room.with_camera(Camera("PINHOLE", room.width, room.height, (60.0, 60.0, 20.0, 180.0)))
 
-    assert "intrinsics are unknown" in _warnings(replace(room, camera=None))
+    assert "intrinsics are unknown" in _warnings(room.with_camera(None))
     assert "field of view of" in _warnings(odd)
     assert "principal point is far from the centre" in _warnings(odd)
 

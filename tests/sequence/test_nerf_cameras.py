@@ -5,7 +5,7 @@ import json
 import pytest
 
 from gtf_tune.errors import SequenceError
-from gtf_tune.sequence import Camera, load_sequence
+from gtf_tune.sequence import Camera, Selection, load_sequence
 from tests.sequence import miniatures
 
 PINHOLE = (50, 51, 32, 24)
@@ -170,26 +170,49 @@ def _per_frame(root, values):
     (root / "transforms.json").write_text(json.dumps({**miniatures.INTRINSICS, "frames": frames}))
 
 
-def test_of_several_cameras_the_largest_group_is_used_and_the_rest_named(tmp_path):
+def test_images_with_intrinsics_of_their_own_are_grouped_by_camera(tmp_path):
     _per_frame(tmp_path, [{"fl_x": 60.0}] * 3 + [{}] * 6)
 
     sequence = load_sequence(tmp_path)
 
+    assert sequence.taken_by == (0, 0, 0, 1, 1, 1, 1, 1, 1)
+    assert [camera.intrinsics.params[0] for camera in sequence.cameras] == [60.0, PINHOLE[0]]
+    assert (sequence.camera, sequence.main_camera.intrinsics.params) == (None, PINHOLE)
+    assert len(load_sequence(tmp_path, camera="unknown").cameras) == 1
+
+
+def test_the_largest_group_can_be_used_alone_and_the_rest_is_named(tmp_path):
+    _per_frame(tmp_path, [{"fl_x": 60.0}] * 3 + [{}] * 6)
+
+    sequence = load_sequence(tmp_path, selection=Selection(cameras="largest"))
+
     assert sequence.camera.params == PINHOLE
     assert [frame.frame_id for frame in sequence.frames] == [3, 4, 5, 6, 7, 8]
     assert sequence.notes == (
-        "the images have 2 different intrinsics; 6 that share one camera are used, 3 are left out: 0.png, 1.png, 2.png",
+        "the images come from 2 cameras; the 6 of the largest group are used, 3 are left out: 0.png, 1.png, 2.png",
     )
-    assert len(load_sequence(tmp_path, camera="unknown")) == 9
 
 
-def test_intrinsics_that_differ_from_image_to_image_count_as_unknown(tmp_path):
+def test_intrinsics_that_differ_count_as_unknown_where_one_camera_is_asked_for(tmp_path):
     _per_frame(tmp_path, [{"fl_x": 60.0 + n} for n in range(9)])
 
-    sequence = load_sequence(tmp_path)
+    sequence = load_sequence(tmp_path, selection=Selection(cameras="one"))
 
-    assert (sequence.camera, len(sequence)) == (None, 9)
-    assert sequence.notes == ("the images have 9 different intrinsics, so they count as unknown",)
+    assert (sequence.camera, len(sequence), len(load_sequence(tmp_path).cameras)) == (None, 9, 9)
+    assert "have 9 different intrinsics, so they count as unknown" in sequence.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("values", "rules", "kept"),
+    [([60.0] * 3 + [50.0] * 6, 2, 6), ([60.0] * 3 + [50.0] * 6, 1, 9), ([60.0 + n for n in range(9)], 2, 9)],
+)
+def test_former_rules_keep_the_frames_of_one_camera(tmp_path, values, rules, kept):
+    _per_frame(tmp_path, [{"fl_x": value} for value in values])
+
+    sequence = load_sequence(tmp_path, selection=Selection(rules=rules))
+
+    assert (len(sequence), len(sequence.cameras)) == (kept, 1)
+    assert (sequence.camera is None) == (kept == 9)
 
 
 def test_keys_that_are_not_read_are_noted(tmp_path):

@@ -9,28 +9,28 @@ from tests.sequence import miniatures
 
 
 @pytest.mark.parametrize(
-    ("changes", "line"),
+    ("known", "line"),
     [
-        ({"camera": None}, "note: intrinsics are unknown; the pipeline estimates them"),
+        ((None, None), "note: intrinsics are unknown; the pipeline estimates them"),
         (
-            {"camera": None, "focal_prior": 51.25},
+            (None, 51.25),
             "note: intrinsics are unknown; the pipeline starts from a focal length of 51.25 pixels",
         ),
         (
-            {"camera": Camera("PINHOLE", 64, 48, (0.8, 1.06, 32, 24))},
+            (Camera("PINHOLE", 64, 48, (0.8, 1.06, 32, 24)), None),
             "note: a field of view of 177 degrees is unusual: check whether the intrinsics belong to these images",
         ),
         (
-            {"camera": Camera("PINHOLE", 64, 48, (50, 51, 0.5, 0.5))},
+            (Camera("PINHOLE", 64, 48, (50, 51, 0.5, 0.5)), None),
             "note: the principal point is far from the centre: check whether the intrinsics belong to these images",
         ),
     ],
 )
-def test_what_is_odd_about_the_camera_is_said(tmp_path, changes, line):
+def test_what_is_odd_about_the_camera_is_said(tmp_path, known, line):
     miniatures.tum(tmp_path)
     said = []
 
-    say_notes(replace(load_sequence(tmp_path), **changes), said.append)
+    say_notes(load_sequence(tmp_path).with_camera(known[0]).with_prior(known[1]), said.append)
 
     assert said == [line]
 

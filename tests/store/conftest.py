@@ -186,6 +186,7 @@ class FakePipeline:
 class FakeSequence:
     fingerprint: str = "f" * 64
     camera: None = None
+    cameras_key: str = "unknown"
     focal_prior: None = None
     num_frames: int = 4
 

@@ -103,7 +103,8 @@ def test_a_camera_of_the_definition_is_kept_without_a_word(database, room, camer
     assert (sequence.camera, changes) == (None if camera == "unknown" else KNOWN, ())
 
 
-def test_a_study_of_two_cameras_keeps_the_frames_of_its_rules(database, tmp_path):
+@pytest.mark.parametrize(("rules", "kept"), [(3, 9), (2, 5)])
+def test_a_study_of_two_cameras_keeps_the_frames_of_its_rules(database, tmp_path, monkeypatch, rules, kept):
     names = [f"{n}.png" for n in range(9)]
     miniatures.images(tmp_path, [f"images/{name}" for name in names])
     pose = np.eye(4).tolist()
@@ -111,11 +112,14 @@ def test_a_study_of_two_cameras_keeps_the_frames_of_its_rules(database, tmp_path
         {"file_path": f"images/{name}", "transform_matrix": pose, "fl_x": 50 + (n > 4)} for n, name in enumerate(names)
     ]
     (tmp_path / "transforms.json").write_text(json.dumps({"frames": frames}))
+    monkeypatch.setattr("gtf_tune.study.open_study.LOADING_RULES", rules)
     _create(database, tmp_path)
+    monkeypatch.undo()
 
     sequence, changes = _opened(database)
 
-    assert (len(sequence), sequence.camera.params[0], changes) == (5, 50, ())
+    assert (len(sequence), sequence.main_camera.intrinsics.params[0], changes) == (kept, 50, ())
+    assert sequence.taken_by == ((0,) * 5 + (1,) * 4)[:kept]
 
 
 def test_a_study_of_the_first_rules_keeps_all_frames(database, tmp_path):

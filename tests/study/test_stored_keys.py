@@ -35,7 +35,7 @@ def request(
     """Return run 1 of trial 4 of a study with seed 7."""
     pipeline.version = VERSION
     planner = RunPlanner(pipeline, GtfDefinition(common_noise=common_noise), SeedSource(7), fixed or {})
-    sequence = dataclasses.replace(imaginary_sequence(5), camera=camera)
+    sequence = imaginary_sequence(5).with_camera(camera)
     return planner.request(sequence, options or {}, (kind, 1), sigma=2.5, number=4)
 
 
@@ -164,10 +164,10 @@ def stage_keys() -> dict[str, str]:
 
 def _keys_of(camera: Camera | None) -> dict[str, str]:
     pipeline: Any = create_pipeline("glomap")
-    images = ImageSource(imaginary_sequence(5), sigma=2.5, seed=11)
+    images = ImageSource(imaginary_sequence(5).with_camera(camera), sigma=2.5, seed=11)
     options = pipeline.options.check({"extraction.sift.peak_threshold": 0.01})
     stages = _Stages({})
-    job = PipelineJob(images, camera, options, seed=3, threads=1, workspace=Path("nowhere"), stages=stages)
+    job = PipelineJob(images, options, seed=3, threads=1, workspace=Path("nowhere"), stages=stages)
     built = pipeline._tree.build(options, threads=1, seed=3)
     staged = StagedRun(job, built, pipeline.settings, VERSION)
     with pytest.raises(_Reached):

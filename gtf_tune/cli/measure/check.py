@@ -7,7 +7,15 @@ import typer
 
 from gtf_tune.cli.measure.runs import CleanRuns, NoiseSigma, Seed, obtaining_runs, score_definition
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Frames, Jobs, Json, Settings, Storage
-from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
+from gtf_tune.cli.sequence_flags import (
+    CameraFlag,
+    CameraGrouping,
+    Cameras,
+    Exclude,
+    Recursive,
+    load_as_asked,
+    parse_selection,
+)
 from gtf_tune.cli.terminal.console import write_json, write_line, write_pairs
 
 Like = Annotated[
@@ -27,6 +35,7 @@ def check(
     exclude: Exclude = None,
     recursive: Recursive = False,
     camera: CameraFlag = None,
+    cameras: Cameras = CameraGrouping.auto,
     clean_runs: CleanRuns = 2,
     noise_sigma: NoiseSigma = "auto",
     seed: Seed = 0,
@@ -52,7 +61,7 @@ def check(
 
     if options is None and like is None:
         raise DefinitionError("there are no options to check; give --options FILE.json or --like STUDY")
-    loaded = load_as_asked(sequence, parse_selection(frames, exclude, recursive), camera, fewest=FEWEST_FRAMES)
+    loaded = load_as_asked(sequence, parse_selection(frames, exclude, recursive, cameras), camera, fewest=FEWEST_FRAMES)
     gtf = score_definition("check", clean_runs, 10, noise_sigma, "median")
     with obtaining_runs(storage, jobs, cache_dir) as source:
         if like is None:

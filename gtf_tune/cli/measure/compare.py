@@ -7,7 +7,15 @@ import typer
 
 from gtf_tune.cli.measure.runs import Aggregate, CleanRuns, NoiseSigma, Seed, obtaining_runs, score_definition
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Frames, Jobs, Json, Settings, Storage
-from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
+from gtf_tune.cli.sequence_flags import (
+    CameraFlag,
+    CameraGrouping,
+    Cameras,
+    Exclude,
+    Recursive,
+    load_as_asked,
+    parse_selection,
+)
 from gtf_tune.cli.terminal.console import duration, number, write_json, write_line, write_table
 
 if TYPE_CHECKING:
@@ -29,6 +37,7 @@ def compare(
     exclude: Exclude = None,
     recursive: Recursive = False,
     camera: CameraFlag = None,
+    cameras: Cameras = CameraGrouping.auto,
     clean_runs: CleanRuns = 2,
     noisy_runs: Annotated[int, typer.Option("--noisy-runs", "-K", min=4, max=1000, help="k_delta.")] = 8,
     noise_sigma: NoiseSigma = "auto",
@@ -54,7 +63,7 @@ def compare(
 
     gtf = score_definition("compare", clean_runs, noisy_runs, noise_sigma, aggregate)
     chosen = [read_system(text, pipeline, parse_pairs(setting, "--setting")) for text in systems]
-    loaded = load_as_asked(sequence, parse_selection(frames, exclude, recursive), camera, fewest=FEWEST_FRAMES)
+    loaded = load_as_asked(sequence, parse_selection(frames, exclude, recursive, cameras), camera, fewest=FEWEST_FRAMES)
     with obtaining_runs(storage, jobs, cache_dir) as source:
         found = compare_systems(chosen, loaded, gtf, seed, source)
     if json:

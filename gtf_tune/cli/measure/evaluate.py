@@ -8,7 +8,15 @@ import typer
 
 from gtf_tune.cli.measure.runs import Aggregate, CleanRuns, NoiseSigma, Seed, score_definition
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Nominal, Settings
-from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
+from gtf_tune.cli.sequence_flags import (
+    CameraFlag,
+    CameraGrouping,
+    Cameras,
+    Exclude,
+    Recursive,
+    load_as_asked,
+    parse_selection,
+)
 from gtf_tune.cli.study.true_errors import Side
 from gtf_tune.cli.terminal.console import number, say, write_json, write_pairs
 
@@ -27,6 +35,7 @@ def evaluate(
     exclude: Exclude = None,
     recursive: Recursive = False,
     camera: CameraFlag = None,
+    cameras: Cameras = CameraGrouping.auto,
     clean_runs: CleanRuns = 2,
     noisy_runs: Annotated[int, typer.Option("--noisy-runs", "-K", min=1, max=1000, help="k_delta.")] = 6,
     noise_sigma: NoiseSigma = "auto",
@@ -61,7 +70,7 @@ def evaluate(
     given = parse_options(nominal, "--nominal") | parse_pairs(option, "--option")
     measured = section_from_dict(SideMetricDefinition, parse_pairs(side, "--side"), source="--side")
     wanted = Configuration(chosen, chosen.options.check(given), gtf, seed, side_metric=measured)
-    selection = parse_selection(frames, exclude, recursive)
+    selection = parse_selection(frames, exclude, recursive, cameras)
     loaded = load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES)
     say_notes(with_focal_prior(loaded, chosen), say)
     database = create_storage(storage) if storage else None

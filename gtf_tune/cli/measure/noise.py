@@ -9,7 +9,15 @@ import typer
 
 from gtf_tune.cli.measure.runs import CleanRuns, Seed
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings, default_jobs, make_executor
-from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, load_as_asked, parse_selection
+from gtf_tune.cli.sequence_flags import (
+    CameraFlag,
+    CameraGrouping,
+    Cameras,
+    Exclude,
+    Recursive,
+    load_as_asked,
+    parse_selection,
+)
 from gtf_tune.cli.terminal.console import number, permille, say, write_json, write_line, write_table
 
 if TYPE_CHECKING:
@@ -29,6 +37,7 @@ def noise(
     exclude: Exclude = None,
     recursive: Recursive = False,
     camera: CameraFlag = None,
+    cameras: Cameras = CameraGrouping.auto,
     sigmas: Sigmas = None,
     clean_runs: CleanRuns = 2,
     runs: Annotated[int, typer.Option("--runs", "-K", min=2, max=1000, help="Noisy runs of each level.")] = 4,
@@ -58,7 +67,7 @@ def noise(
     ladder = _ladder(sigmas) if sigmas else LADDER
     gtf = GtfDefinition(clean_runs=clean_runs)
     probe = NoiseProbe(chosen, chosen.options.check(given), gtf, seed, runs, ladder)
-    selection = parse_selection(frames, exclude, recursive)
+    selection = parse_selection(frames, exclude, recursive, cameras)
     loaded = with_focal_prior(load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES), chosen)
     with make_executor(jobs or default_jobs(), cache_dir, no_cache=no_cache) as executor:
         found = probe.measure(loaded, fresh_runs(executor, run_limits(LimitsDefinition())), _say_level)

@@ -17,7 +17,7 @@ from gtf_tune.cli.parameters import (
     hush_optuna,
     storage_flag,
 )
-from gtf_tune.cli.sequence_flags import CameraFlag, Exclude, Recursive, parse_camera
+from gtf_tune.cli.sequence_flags import CameraFlag, CameraGrouping, Cameras, Exclude, Recursive, parse_camera
 from gtf_tune.cli.study.true_errors import Side
 from gtf_tune.cli.terminal.console import say
 from gtf_tune.cli.values import parse_options, parse_pairs, parse_value, refuse_repeated, split_pairs
@@ -56,6 +56,7 @@ def create(
     exclude: Exclude = None,
     recursive: Recursive = False,
     camera: CameraFlag = None,
+    cameras: Cameras = CameraGrouping.auto,
     pipeline: Pipeline = None,
     option: Fixed = None,
     nominal: Nominal = None,
@@ -98,6 +99,7 @@ def create(
     _select(data, {"max_image_size": max_image_size, **chosen})
     _select(data, {"exclude": exclude or None, "recursive": recursive or None})
     _select(data, {"camera": parse_camera(camera) if camera else None})
+    _select(data, {"cameras": cameras.value if cameras is not CameraGrouping.auto else None})
     _add_space(data, range_ or [], values or [])
     _put(data, "gtf", clean_runs=clean_runs, noisy_runs=_runs(noisy_runs), aggregate=aggregate)
     _put(data, "gtf", noise_sigma=None if noise_sigma is None else parse_value(noise_sigma))

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -22,7 +23,7 @@ from gtf_tune.pipelines.analytic.failures import FAILURES
 from gtf_tune.pipelines.base import PipelineJob, PipelineOutput
 from gtf_tune.pipelines.options import OptionSpec, OptionTable, OptionValue, Setting, read_settings
 from gtf_tune.pipelines.run import digest
-from gtf_tune.sequence import Frame
+from gtf_tune.sequence import Frame, SequenceCamera
 from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.sequence.image_noise import GreyImage
 from gtf_tune.trajectory import BoolArray, FloatArray, Trajectory
@@ -79,6 +80,7 @@ class AnalyticPipeline:
     name: str
     version: str
     settings: Mapping[str, str]
+    takes_several_cameras: ClassVar[bool] = True
 
     @property
     def options(self) -> OptionTable:
@@ -187,11 +189,8 @@ def imaginary_sequence(num_frames: int = 50) -> ImageSequence:
         root=Path(),
         layout="analytic",
         frames=frames,
-        width=64,
-        height=48,
-        camera=None,
+        cameras=(SequenceCamera(64, 48, stored_size=(64, 48)),),
         ground_truth=ground_truth(range(num_frames)),
-        stored_size=(64, 48),
     )
 
 

@@ -43,6 +43,7 @@ class PycolmapPipeline(ABC):
     settings: Mapping[str, str]
 
     roots: ClassVar[Mapping[str, OptionRoot]]
+    takes_several_cameras: ClassVar[bool] = True
 
     @property
     def options(self) -> OptionTable:

@@ -17,7 +17,7 @@ _SWITCHED_OFF_BY_SEEDS = frozenset({"use_parameter_block_ordering"})
 
 
 class GlomapPipeline(PycolmapPipeline):
-    """Run global mapping; where intrinsics are unknown, the view graph is calibrated first.
+    """Run global mapping; where intrinsics of a camera are unknown, the view graph is calibrated first.
 
     Everything up to global positioning is a stage of its own (see `glomap_positioning`), shared by trials that differ
     in bundle adjustment, retriangulation or ``mapper.max_normalized_reproj_error`` only.
@@ -35,11 +35,12 @@ class GlomapPipeline(PycolmapPipeline):
 
     def own_stages(self, job: PipelineJob) -> tuple[str, ...]:
         """Return the stages up to global positioning."""
-        return ("positioning",) if job.camera else ("calibration", "positioning")
+        known = all(camera.intrinsics for camera in job.images.sequence.cameras)
+        return ("positioning",) if known else ("calibration", "positioning")
 
     def map(self, staged: StagedRun) -> list[Any]:
         """Return the models that GLOMAP finds, the same to the last bit as one uninterrupted run of it."""
-        known = staged.job.camera is not None
+        known = staged.intrinsics_known
         database = staged.geometry() if known else staged.calibration()
         key = staged.key(
             "positioning",

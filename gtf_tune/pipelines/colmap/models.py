@@ -86,7 +86,8 @@ def read_model(folder: Path, frames: Mapping[str, tuple[int, float]]) -> SparseM
 def transforms_json(folder: Path, images: Path) -> str:
     """Return the cameras of a model as a ``transforms.json`` that nerfstudio reads.
 
-    Poses are world_from_camera in OpenGL's axes (x right, y up, z backwards). ``images`` is the folder of the images.
+    Where the images have several cameras, each frame has the intrinsics of its own. Poses are world_from_camera in
+    OpenGL's axes (x right, y up, z backwards). ``images`` is the folder of the images.
 
     Raises
     ------
@@ -94,14 +95,18 @@ def transforms_json(folder: Path, images: Path) -> str:
         The model cannot be read, or its camera model is unknown to nerfstudio.
     """
     model = _read(folder)
+    registered = sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda one: str(one.name))
+    used = {image.camera_id: _intrinsics(model.cameras[image.camera_id]) for image in registered}
     frames = []
-    for image in sorted(
-        (model.images[image_id] for image_id in model.reg_image_ids()), key=lambda image_id: str(image_id.name)
-    ):
+    for image in registered:
         pose = np.vstack([image.cam_from_world().inverse().matrix(), [0.0, 0.0, 0.0, 1.0]]) @ _OPENGL_AXES
-        frames.append({"file_path": str(images / image.name), "transform_matrix": pose.tolist()})
-    camera = next(iter(model.cameras.values()))
-    return json.dumps({**_intrinsics(camera), "frames": frames}, indent=1) + "\n"
+        frame = {"file_path": str(images / image.name), "transform_matrix": pose.tolist()}
+        frames.append({**frame, **used[image.camera_id]} if len(used) > 1 else frame)
+    if len(used) == 1:
+        return json.dumps({**used.popitem()[1], "frames": frames}, indent=1) + "\n"
+    models = {str(lens["camera_model"]) for lens in used.values()}
+    shared = {"camera_model": models.pop()} if len(models) == 1 else {}
+    return json.dumps({**shared, "frames": frames}, indent=1) + "\n"
 
 
 def _intrinsics(camera: Any) -> dict[str, Any]:

@@ -20,13 +20,33 @@ if TYPE_CHECKING:  # takes OpenCV, which no reader of studies needs
 class Photographs:
     """The images of a reconstruction as COLMAP reads them.
 
-    ``folder`` is absolute and ``names`` are relative to it, with slashes. ``camera`` belongs to the images as they are
-    stored; ``None`` where the intrinsics are unknown.
+    ``folder`` is absolute and ``names`` are relative to it, with slashes. ``cameras`` belong to the images as they are
+    stored; ``None`` where the intrinsics are unknown. ``taken_by`` is the position of each image's camera; without it
+    the first took all.
     """
 
     folder: Path
     names: Sequence[str]
-    camera: "Camera | None"
+    cameras: "Sequence[Camera | None]"
+    taken_by: Sequence[int] = ()
+
+    @property
+    def intrinsics_known(self) -> bool:
+        """Return whether the intrinsics of all cameras are known."""
+        return all(self.cameras)
+
+    @property
+    def lists(self) -> "dict[str, tuple[Camera | None, list[str]]]":
+        """Return the camera and the names of its images by the file that lists them."""
+        if len(self.cameras) == 1:
+            return {"images.txt": (self.cameras[0], list(self.names))}
+        return {
+            f"images-{number}.txt": (
+                camera,
+                [name for name, taken_by in zip(self.names, self.taken_by, strict=True) if taken_by == number - 1],
+            )
+            for number, camera in enumerate(self.cameras, 1)
+        }
 
 
 @dataclass(frozen=True)
@@ -72,18 +92,17 @@ def pycolmap_script(
 
     ``settings`` are those of the pipeline in the study, ``version`` is that of pycolmap.
     """
-    mapper, camera = _MAPPERS[pipeline], photographs.camera
+    mapper = _MAPPERS[pipeline]
     pairing = str(settings.get("pairing", "exhaustive"))
     tree = str(settings.get("vocab_tree_path", ""))
-    calibrates = pipeline == "glomap" and camera is None
+    calibrates = pipeline == "glomap" and not photographs.intrinsics_known
     text = files("gtf_tune.pipelines.colmap").joinpath("run_script.txt").read_text(encoding="utf-8")
     return Template(text).substitute(
         gtf_tune=__version__,
         pycolmap=version,
         images=_literal(str(photographs.folder)),
         seed=seed,
-        camera_model=_literal(camera.model if camera else str(settings.get("camera_model", "SIMPLE_RADIAL"))),
-        camera_params=_literal(",".join(map(repr, camera.params)) if camera else ""),
+        cameras=_cameras(photographs, str(settings.get("camera_model", "SIMPLE_RADIAL"))),
         pairing=_literal(pairing),
         pairing_kind=_literal(f"{pairing.title()}PairingOptions"),
         pairing_more=f"pairing.vocab_tree_path = {_literal(tree)}\n" if tree and pairing == "sequential" else "",
@@ -93,6 +112,16 @@ def pycolmap_script(
         mapping_kind=mapper.options,
         mapping_options=mapper.changes,
     )
+
+
+def _cameras(photographs: Photographs, usual_model: str) -> str:
+    """Return the lines of the script's cameras: the list of a camera's images, its model and its parameters."""
+    lines = []
+    for file, (camera, _) in photographs.lists.items():
+        params = ",".join(map(repr, camera.params)) if camera else ""
+        values = (_literal(file), _literal(camera.model if camera else usual_model), _literal(params))
+        lines.append(f"    ({', '.join(values)}),")
+    return "\n".join(lines)
 
 
 def _literal(text: str) -> str:

@@ -8,7 +8,8 @@ from gtf_tune.pipelines.colmap.script import Photographs
 from gtf_tune.pipelines.options import OptionValue
 
 _CALIBRATOR = "view_graph_calibrator"
-_READS_IMAGES = ("feature_extractor", "mapper", "hierarchical_mapper", "global_mapper")
+_EXTRACTOR = "feature_extractor"
+_READS_IMAGES = (_EXTRACTOR, "mapper", "hierarchical_mapper", "global_mapper")
 _WRITES_MODEL = ("mapper", "hierarchical_mapper", "global_mapper")
 _HEAD = """\
 #!/bin/sh
@@ -37,21 +38,24 @@ def colmap_shell_script(
 ) -> str:
     """Return the text of ``run.sh``: COLMAP's commands in running order, with all paths.
 
-    It reads ``images.txt`` beside it; without ``photographs`` it takes the folder of the images as an argument. Options
-    that the command line cannot set are named in comments; `pycolmap_script` sets them too.
+    It reads ``images.txt`` beside it, or the list of each of several cameras; without ``photographs`` it takes the
+    folder of the images as an argument. Options that the command line cannot set are named in comments;
+    `pycolmap_script` sets them too.
     """
     pairing = str(settings.get("pairing", "exhaustive"))
-    known = photographs is not None and photographs.camera is not None
+    known = photographs is not None and photographs.intrinsics_known
     commands = [name for name in commands_of(pipeline, pairing) if name != _CALIBRATOR or not known]
-    flags: dict[str, list[str]] = {name: _paths(name, photographs) for name in commands}
-    for flag, value in (*_camera(photographs, settings), *_matching(settings), *_options(pipeline, options)):
+    flags: dict[str, list[str]] = {name: [] for name in commands}
+    for flag, value in (*_matching(settings), *_options(pipeline, options)):
         command = command_of(pipeline, flag, pairing)
         if command in flags:
             flags[command].append(f"--{flag} {shlex.quote(value)}")
-    lines = [
-        _WHEN_UNKNOWN * (name == _CALIBRATOR and photographs is None) + " \\\n    ".join((f"colmap {name}", *given))
-        for name, given in flags.items()
-    ]
+    lines: list[str] = []
+    for name, given in flags.items():
+        before = _WHEN_UNKNOWN * (name == _CALIBRATOR and photographs is None)
+        for images in _cameras(photographs, settings) if name == _EXTRACTOR else [[]]:
+            words = (f"colmap {name}", *_paths(name, photographs), *images, *given)
+            lines.append(before + " \\\n    ".join(words))
     missing = [name for name in options if flag_of(pipeline, name) is None]
     lines += [f"# COLMAP's command line cannot set {name} = {_text(options[name])}; run.py does" for name in missing]
     return (_HEAD if photographs else _HEAD_FOR_ANY_IMAGES) + "\n".join(lines) + "\n"
@@ -62,19 +66,18 @@ def _paths(command: str, photographs: Photographs | None) -> list[str]:
     if command in _READS_IMAGES:
         folder = shlex.quote(str(photographs.folder)) if photographs else '"$images"'
         paths.append(f"--image_path {folder}")
-    if command == "feature_extractor" and photographs:
-        paths.append("--image_list_path images.txt")
     if command in _WRITES_MODEL:
         paths.append('--output_path "$out"')
     return paths
 
 
-def _camera(photographs: Photographs | None, settings: Mapping[str, object]) -> Iterator[tuple[str, str]]:
-    camera = photographs.camera if photographs else None
-    yield "ImageReader.single_camera", "1"
-    yield "ImageReader.camera_model", camera.model if camera else str(settings.get("camera_model", "SIMPLE_RADIAL"))
-    if camera:
-        yield "ImageReader.camera_params", ",".join(map(repr, camera.params))
+def _cameras(photographs: Photographs | None, settings: Mapping[str, object]) -> Iterator[list[str]]:
+    """Yield the arguments by which features are found in the images of each camera."""
+    usual = str(settings.get("camera_model", "SIMPLE_RADIAL"))
+    for file, (camera, _) in photographs.lists.items() if photographs else [("", (None, []))]:
+        given = [f"--image_list_path {file}"] if file else []
+        given += ["--ImageReader.single_camera 1", f"--ImageReader.camera_model {camera.model if camera else usual}"]
+        yield [*given, *([f"--ImageReader.camera_params {','.join(map(repr, camera.params))}"] if camera else [])]
 
 
 def _matching(settings: Mapping[str, object]) -> Iterator[tuple[str, str]]:

@@ -7,7 +7,7 @@ matter. A stage whose files are at hand is not run, and neither are the stages b
 stage          files                                                 depends on
 =============  ====================================================  =============================================
 images         grey images                                           the image source
-features       database with images, camera, keypoints, descriptors  images, camera or prior, ``extraction.*``
+features       database with images, cameras, keypoints, descr.      images, cameras, priors, ``extraction.*``
 matches        database with matches only                            features, ``matching.*``, pairing
 geometry       database with keypoints and verified pairs            matches, ``verification.*``, seed
 calibration    the same, with focal lengths estimated                geometry, matches, ``view_graph.*``, seed
@@ -34,6 +34,7 @@ from gtf_tune.pipelines.file_digest import file_digest
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.pipelines.run import digest
 from gtf_tune.pipelines.stage_clock import StageClock
+from gtf_tune.sequence import SequenceCamera
 
 DATABASE = "database.db"
 
@@ -77,16 +78,24 @@ class StagedRun:
         """Return the key of a stage from what it depends on besides the version and the number of threads."""
         return digest({"stage": stage, "version": self.version, "threads": self.job.threads, **parts})
 
+    @property
+    def intrinsics_known(self) -> bool:
+        """Return whether the intrinsics of all cameras are known."""
+        return all(camera.intrinsics for camera in self.job.images.sequence.cameras)
+
     @cached_property
     def features_key(self) -> str:
         """Return the key of features and descriptors."""
-        camera = self.job.camera.key if self.job.camera else self.settings["camera_model"]
+        sequence = self.job.images.sequence
+        parts: dict[str, object] = {}
+        if len(sequence.cameras) > 1:
+            parts = {"camera": self.settings["camera_model"], "cameras": sequence.cameras_key}
+        else:
+            [camera] = sequence.cameras
+            parts = {"camera": camera.key if camera.intrinsics else self.settings["camera_model"]}
+            parts |= {} if camera.prior is None else {"focal_prior": camera.prior}
         return self.key(
-            "features",
-            images=self.job.images.key,
-            camera=camera,
-            options=dict(self.options.values["extraction"]),
-            **({} if self._focal_prior is None else {"focal_prior": self._focal_prior}),
+            "features", images=self.job.images.key, options=dict(self.options.values["extraction"]), **parts
         )
 
     @cached_property
@@ -153,10 +162,6 @@ class StagedRun:
                 opened.close()
 
     @property
-    def _focal_prior(self) -> float | None:
-        return self.job.focal_prior if self.job.camera is None else None
-
-    @property
     def _matching(self) -> Mapping[str, OptionValue]:
         return self.options.values["matching"]
 
@@ -172,28 +177,30 @@ class StagedRun:
 
     def _build_features(self, folder: Path) -> None:
         images = self.reach("images", self.job.images.key, self.job.images.write)
-        pycolmap.extract_features(
-            folder / DATABASE,
-            images,
-            image_names=list(self.job.images.names),
-            camera_mode=pycolmap.CameraMode.SINGLE,
-            reader_options=self._reader_options(),
-            extraction_options=self.options["extraction"],
-            device=pycolmap.Device.cpu,
-        )
+        sequence = self.job.images.sequence
+        named = list(zip(sequence.taken_by, self.job.images.names, strict=True))
+        for number, camera in enumerate(sequence.cameras):  # a call makes one camera, and adds to the database
+            pycolmap.extract_features(
+                folder / DATABASE,
+                images,
+                image_names=[name for taken_by, name in named if taken_by == number],
+                camera_mode=pycolmap.CameraMode.SINGLE,
+                reader_options=self._reader_options(camera),
+                extraction_options=self.options["extraction"],
+                device=pycolmap.Device.cpu,
+            )
         make_plain(folder / DATABASE)
 
-    def _reader_options(self) -> Any:
+    def _reader_options(self, camera: SequenceCamera) -> Any:
         options = pycolmap.ImageReaderOptions()
         options.camera_model = self.settings["camera_model"]
         params: Iterable[float] = ()
-        if self.job.camera:
-            options.camera_model, params = self.job.camera.model, self.job.camera.params
-        elif self._focal_prior is not None:
+        if camera.intrinsics:
+            options.camera_model, params = camera.intrinsics.model, camera.intrinsics.params
+        elif camera.prior is not None:
             # COLMAP makes the same camera from EXIF, which the grey images do not have.
-            sequence = self.job.images.sequence
-            size = sequence.width, sequence.height
-            params = pycolmap.Camera.create_from_model_name(1, options.camera_model, self._focal_prior, *size).params
+            found = pycolmap.Camera.create_from_model_name(1, options.camera_model, camera.prior, *camera.size)
+            params = found.params
         options.camera_params = ",".join(repr(float(value)) for value in params)
         return options
 

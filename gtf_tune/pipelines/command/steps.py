@@ -77,7 +77,7 @@ class StepRun:
             {
                 "command": [self.command.identity, self.command.version],
                 "step": step.name,
-                "previous": previous or [self.job.images.key, self.job.camera.key if self.job.camera else "unknown"],
+                "previous": previous or [self.job.images.key, self.job.images.sequence.cameras_key],
                 "options": mine,
                 "seed": self.job.seed if self._reads("seed", step) else None,
                 "threads": self.job.threads,

@@ -1,7 +1,6 @@
 """What a layout is: how a data set's folder becomes frames, intrinsics and ground truth."""
 
 from collections.abc import Callable, Iterator
-from collections.abc import Sequence as Items
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,6 @@ from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.image_formats import IMAGE_SUFFIXES
 from gtf_tune.sequence.value import Frame
 from gtf_tune.trajectory import Trajectory
-from gtf_tune.trajectory.alignment import MIN_MATCHED
 
 GIVE_THE_CAMERA = 'give the camera, or set it to "unknown" to let the pipeline estimate it'
 """What to do about a calibration that cannot be used."""
@@ -22,16 +20,17 @@ Notes = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """What a data set's files say about its camera.
+    """What a data set's files say about its cameras.
 
     ``cameras`` has one for all frames, or one for each frame; ``None`` is a camera that the files do not describe. A
-    camera may be for another resolution of the same images. ``notes`` say what was found odd. ``focal_prior`` is a
-    focal length in pixels of the stored images, to start from where the camera is unknown.
+    camera may be for another resolution of the same images. ``notes`` say what was found odd. ``focal_priors`` are
+    focal lengths in pixels of the stored images, to start from where the camera is unknown: one for all frames, or one
+    for each.
     """
 
     cameras: tuple[Camera | None, ...] = (None,)
     notes: tuple[str, ...] = ()
-    focal_prior: float | None = None
+    focal_priors: tuple[float | None, ...] = (None,)
 
 
 UNKNOWN = Intrinsics()
@@ -106,50 +105,3 @@ def check_unique(frames: tuple[Frame, ...], source: Path) -> None:
                 f"{source}: image {frame.path.name} {word} the timestamp {frame.timestamp:.6f}; "
                 "timestamps must increase from image to image"
             )
-
-
-_NAMED = 5
-
-
-@dataclass(frozen=True)
-class SharedCamera:
-    """Frames that share one camera, that camera or its focal length where it is known, and notes on other frames."""
-
-    frames: tuple[Frame, ...]
-    camera: Camera | None = None
-    notes: tuple[str, ...] = ()
-    focal_prior: float | None = None
-
-
-def shared_camera(frames: tuple[Frame, ...], intrinsics: Intrinsics, rules: int) -> SharedCamera:
-    """Return the largest group of frames with one camera, as far as the data set says.
-
-    Where hardly two frames share a camera, as in models with intrinsics for each image, all frames are kept and the
-    camera counts as unknown; under rules 1 it always did.
-    """
-    if len(intrinsics.cameras) == 1:
-        return SharedCamera(frames, intrinsics.cameras[0], intrinsics.notes, intrinsics.focal_prior)
-    groups = _groups(intrinsics.cameras)
-    camera, positions = max(groups.items(), key=lambda group: (group[0] is not None, len(group[1])))
-    if len(groups) == 1:
-        return SharedCamera(frames, camera, intrinsics.notes)
-    few = len(positions) < MIN_MATCHED or len(groups) * MIN_MATCHED > len(frames)
-    if rules == 1 or few:
-        note = f"the images have {len(groups)} different intrinsics, so they count as unknown"
-        return SharedCamera(frames, None, (*intrinsics.notes, note))
-    kept = set(positions)
-    others = [frame.path.name for position, frame in enumerate(frames) if position not in kept]
-    named = ", ".join(others[:_NAMED]) + (f" and {len(others) - _NAMED} more" if len(others) > _NAMED else "")
-    note = (
-        f"the images have {len(groups)} different intrinsics; {len(kept)} that share one camera are used, "
-        f"{len(others)} are left out: {named}"
-    )
-    return SharedCamera(tuple(frames[position] for position in positions), camera, (*intrinsics.notes, note))
-
-
-def _groups(cameras: Items[Camera | None]) -> dict[Camera | None, list[int]]:
-    """Return the positions of the frames of each different camera, in order of their first appearance."""
-    groups: dict[Camera | None, list[int]] = {}
-    for position, camera in enumerate(cameras):
-        groups.setdefault(camera, []).append(position)
-    return groups

@@ -72,8 +72,9 @@ def _read(root: Path, _: Reading) -> Recording:
     matrices = np.stack([entry["transform_matrix"].matrix(4, 4) for entry in entries])
 
     def read_intrinsics() -> Intrinsics:
-        size = image_size(frames[0].path)
-        return Intrinsics(tuple(lens_camera(replace(entry, defaults=values), size) for entry in entries))
+        lenses = [replace(entry, defaults=values) for entry in entries]
+        sizes = _sizes(lenses, [frame.path for frame in frames])
+        return Intrinsics(tuple(lens_camera(lens, size) for lens, size in zip(lenses, sizes, strict=True)))
 
     return Recording(
         frames,
@@ -94,6 +95,13 @@ def _entries(values: Field) -> list[Field]:
 
 def _image(path: Path, entry: Field) -> Path:
     return with_suffix(find_listed(path.parent, entry["file_path"].text(), path))
+
+
+def _sizes(lenses: list[Field], images: list[Path]) -> list[tuple[int, int]]:
+    """Return the (width, height) of each image; those whose lens has its own are not looked at."""
+    return [
+        (0, 0) if "w" in lens and "h" in lens else image_size(image) for lens, image in zip(lenses, images, strict=True)
+    ]
 
 
 def _refuse_repeated(images: list[Path], path: Path) -> None:

@@ -29,7 +29,7 @@ def _read_seven_scenes(root: Path, _: Reading) -> Recording:
 
     def read_intrinsics() -> Intrinsics:
         width, _ = image_size(frames[0].path)
-        return Intrinsics(notes=(_KINECT,), focal_prior=_KINECT_FOCAL * width / _KINECT_WIDTH)
+        return Intrinsics(notes=(_KINECT,), focal_priors=(_KINECT_FOCAL * width / _KINECT_WIDTH,))
 
     return Recording(frames, read_intrinsics, _read_poses(frames, poses), files=poses)
 

@@ -158,7 +158,7 @@ class Estimate:
 
     def _pixels(self, reduction: Reduction) -> int:
         used = self.sequence(reduction)
-        return len(used) * used.width * used.height
+        return sum(math.prod(used.camera_of(frame).size) for frame in used.frames)
 
     def _pilot(self) -> Reduction:
         """Return the strongest reduction on which nominal works, with its price measured."""
@@ -203,7 +203,7 @@ def _stage_of(definition: StudyDefinition, pipeline: Pipeline) -> dict[str, str]
 
 def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reduction) -> dict[str, Any]:
     """Return the frames and the size of a reduced search; few frames and small images stay as they are."""
-    longer = max(sequence.width, sequence.height)
+    longer = sequence.longest_side
     stride = min(round(1 / reduction.frames), max(len(sequence) // _FEWEST_REDUCED_FRAMES, 1))
     return {
         "max_image_size": max(round(longer * reduction.size), min(longer, _SMALLEST_IMAGE)),

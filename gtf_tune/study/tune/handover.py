@@ -183,11 +183,12 @@ def _write_scripts(work: Path, sequence: Sequence, pipeline: Pipeline, configura
     from gtf_tune.pipelines.colmap.shell import colmap_shell_script
 
     images, names = common_folder(sequence)
-    camera = sequence.camera.scaled(*sequence.stored_size) if sequence.camera else None
-    photographs, settings = Photographs(images, list(names), camera), dict(pipeline.settings)
+    cameras = [camera.stored_intrinsics for camera in sequence.cameras]
+    photographs, settings = Photographs(images, list(names), cameras, sequence.taken_by), dict(pipeline.settings)
     size, label = size_option(sequence), " ".join((configurations.label or "Options as in options.json").split())
     adopted = {**configurations.adopted, **size}
-    write_text(work / "images.txt", "".join(f"{name}\n" for name in names))
+    for file, (_, listed) in photographs.lists.items():
+        write_text(work / file, "".join(f"{name}\n" for name in listed))
     write_text(work / "run.py", pycolmap_script(pipeline.name, photographs, settings, pipeline.version))
     shell = colmap_shell_script(pipeline.name, photographs, settings, adopted)
     write_text(work / "run.sh", shell.replace("\n", f"\n# {label}\n", 1))

@@ -121,8 +121,8 @@ class Workshop:
 
 def size_option(sequence: Sequence) -> dict[str, OptionValue]:
     """Return the option by which COLMAP reduces the images to the size of the sequence; nothing at full size."""
-    longer = max(sequence.width, sequence.height)
-    return {"extraction.max_image_size": longer} if longer < max(sequence.stored_size) else {}
+    reduced = any(camera.size != camera.stored_size for camera in sequence.cameras)
+    return {"extraction.max_image_size": sequence.longest_side} if reduced else {}
 
 
 def contradicted(adopted: "SparseModel", nominal: "SparseModel") -> str:

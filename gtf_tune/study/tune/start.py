@@ -174,7 +174,7 @@ def configurations_of(study: OpenStudy, chosen: Trial | None, whole: Sequence, l
     defaults = {name: spec.default for name, spec in study.pipeline.options.specs.items()}
     usual = {**defaults, **fixed, **nominal}
     changed = {name: value for name, value in (trial or nominal).items() if value != usual[name]}
-    factor = max(whole.stored_size) / max(searched.width, searched.height)
+    factor = max(max(camera.stored_size) for camera in whole.cameras) / searched.longest_side
     is_baseline = chosen is not None and chosen.number < 0
     pixels = frozenset() if is_baseline else _in_pixels(study.definition.pipeline.name)  # people use it at full size
     adopted = {**nominal, **scaled_to(changed, pixels, factor)}

@@ -13,7 +13,7 @@ import pytest
 from gtf_tune.errors import StorageError
 from gtf_tune.metrics import ate
 from gtf_tune.pipelines import create_pipeline
-from gtf_tune.sequence import Sequence
+from gtf_tune.sequence import Sequence, SequenceCamera
 from gtf_tune.study.tune.handover import Configurations, Handover, check_output, hand_over, write_scripts
 from gtf_tune.study.tune.reconstruct import TooSlow, Workshop
 from gtf_tune.trajectory import read_trajectory
@@ -147,7 +147,7 @@ def test_a_reconstruction_ends_when_its_time_is_up(scene: Sequence, tmp_path: Pa
 
 
 def test_models_of_reduced_images_say_so(scene: Sequence, tmp_path: Path) -> None:
-    small = replace(scene, width=scene.width // 2, height=scene.height // 2, camera=None)
+    small = replace(scene, cameras=(SequenceCamera(scene.width // 2, scene.height // 2, scene.stored_size),))
 
     write_scripts(tmp_path / "out", small, create_pipeline("glomap"), Configurations(FIXED, FIXED))
 

@@ -1,4 +1,4 @@
-"""Read the camera of photographs from the database that COLMAP keeps beside them."""
+"""Read the cameras of photographs from the database that COLMAP keeps beside them."""
 
 import sqlite3
 import struct
@@ -28,7 +28,7 @@ def database_of(root: Path) -> Path:
 
 
 def database_intrinsics(path: Path, frames: tuple[Frame, ...]) -> Intrinsics:
-    """Return the camera that the images have in a database, or only its focal length, and a note on it.
+    """Return the cameras that the images have in a database, or only their focal lengths, and a note on them.
 
     A camera with a distortion or a principal point of its own was calibrated and is known. One with nothing but a focal
     length has it from EXIF or by hand: it is where to start from. Whatever else is in the database is noted, and the
@@ -37,40 +37,61 @@ def database_intrinsics(path: Path, frames: tuple[Frame, ...]) -> Intrinsics:
     if not path.is_file():
         return UNKNOWN
     try:
-        cameras = _cameras_of(path, frames)
-        if len(cameras) > 1:
-            return _unknown(path, f"has {len(cameras)} different cameras for these images")
-        [(*camera, has_prior)] = cameras
-        if not has_prior:
-            return _unknown(path, "has a camera without a focal length of its own")
-        return _known(path, _camera(*camera).fitted(*image_size(frames[0].path)))
+        rows = _cameras_of(path, frames)
+        if len(set(rows)) == 1:
+            rows, frames = rows[:1], frames[:1]
+        found = {row: _described(row, frame) for row, frame in zip(rows, frames, strict=True)}
     except (SequenceError, sqlite3.Error) as error:
         return _unknown(path, f"cannot be used ({error})")
+    if not any(camera or prior for camera, prior in found.values()):
+        return _unknown(path, "has a camera without a focal length of its own")
+    cameras, priors = zip(*(found[row] for row in rows), strict=True)
+    return Intrinsics(cameras, (_note(path, list(found.values())),), priors)
 
 
 def _unknown(path: Path, reason: str) -> Intrinsics:
     return Intrinsics(notes=(f"{path.name} {reason}: intrinsics count as unknown",))
 
 
-def _known(path: Path, camera: Camera) -> Intrinsics:
+_Described = tuple[Camera | None, float | None]
+
+
+def _note(path: Path, found: list[_Described]) -> str:
+    if len(found) > 1:
+        known = sum(camera is not None for camera, _ in found)
+        return f"{len(found)} cameras come from {path.name}, {known} of them with known intrinsics"
+    [(camera, prior)] = found
+    if camera is None:
+        return f"{path.name} has only a focal length, {prior:.5g} pixels: it is where the pipeline starts from"
+    return f"intrinsics come from {path.name}, as COLMAP was given them"
+
+
+def _described(row: _Row | None, frame: Frame) -> _Described:
+    """Return the intrinsics of a camera, or only its focal length in pixels; neither where it has no prior."""
+    if row is None or not row[-1]:
+        return None, None
+    camera = _camera(*row[:-1]).fitted(*image_size(frame.path))
     values = dict(zip(camera.param_names, camera.params, strict=True))
     focal = values.pop("fx", values.pop("f", 0.0))
     usual = {"fy": focal, "cx": camera.width / 2, "cy": camera.height / 2}
     if focal and all(abs(value - usual.get(name, 0.0)) <= _TOLERANCE * focal for name, value in values.items()):
-        note = f"{path.name} has only a focal length, {focal:.5g} pixels: it is where the pipeline starts from"
-        return Intrinsics(notes=(note,), focal_prior=focal)
-    return Intrinsics((camera,), (f"intrinsics come from {path.name}, as COLMAP was given them",))
+        return None, focal
+    return camera, None
 
 
-def _cameras_of(path: Path, frames: tuple[Frame, ...]) -> set[_Row]:
-    """Return the different cameras of the images, (model, width, height, parameters, prior)."""
+def _cameras_of(path: Path, frames: tuple[Frame, ...]) -> list[_Row | None]:
+    """Return the camera of each image, (model, width, height, parameters, prior); ``None`` where it is not in there.
+
+    Where all that are in there share one camera, it is taken for the others too.
+    """
     with closing(_connected(path)) as connection:
         rows = {str(name): tuple(camera) for name, *camera in connection.execute(_QUERY)}
     tails = ([Path(*frame.path.parts[-count:]).as_posix() for count in (3, 2, 1)] for frame in frames)
-    found = {next((rows[tail] for tail in names if tail in rows), None) for names in tails} - {None}
-    if not found:
+    found = [next((rows[tail] for tail in names if tail in rows), None) for names in tails]
+    different = set(found) - {None}
+    if not different:
         raise SequenceError(f"it has {len(rows)} images, but none of these")
-    return {camera for camera in found if camera is not None}
+    return [next(iter(different))] * len(found) if len(different) == 1 else found
 
 
 def _connected(path: Path) -> sqlite3.Connection:
