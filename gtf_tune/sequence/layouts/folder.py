@@ -150,7 +150,7 @@ FOLDER = Layout(
     matches=_matches,
     read=_read,
     help=(
-        "Any folder of images of one or more cameras, in the natural order of their names; ``recursive`` takes those of "
-        "its subfolders too. No timestamps, no ground truth."
+        "Any folder of images of one or more cameras, in the natural order of their names; ``recursive`` takes those "
+        "of its subfolders too. No timestamps, no ground truth."
     ),
 )
