@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, case, func, or_, select, update
+from sqlalchemy import ColumnElement, and_, case, func, or_, select, update
 from sqlalchemy.orm import Session, aliased
 
 from gtf_tune.operating_system import machine_name, process_start
@@ -63,7 +63,7 @@ class TrialLease:
 
     ``number`` counts the trials of the study from 0, the nominal trial. ``optuna_trial_id`` and ``options`` are set
     where an earlier worker has asked Optuna already. ``attempts`` counts the workers that have leased the trial, this
-    one included.
+    one included. ``set_aside`` says why an earlier worker has left it to another machine; empty where none has.
     """
 
     trial_id: int
@@ -74,6 +74,11 @@ class TrialLease:
     optuna_trial_id: int | None = None
     optuna_number: int | None = None
     options: Mapping[str, OptionValue] | None = None
+    set_aside: str = ""
+
+
+SET_ASIDE_S = 30.0
+"""Seconds for which a trial that was set aside is left to workers of other hosts: they look at least every 10 s."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +155,7 @@ def adopt_stale(database: Database, study_id: int, worker: Worker, grace_s: floa
     token = uuid.uuid4().hex
 
     def work(session: Session) -> TrialLease | None:
-        for trial_id, held_by in _stale(session, study_id, grace_s):
+        for trial_id, held_by in _stale(session, study_id, worker.host, grace_s):
             unchanged = models.Trial.lease.is_not_distinct_from(held_by)
             values = {**_leased(token, worker), "attempts": models.Trial.attempts + 1, "started_at": _started_at()}
             if _update(session, trial_id, unchanged, values):
@@ -164,15 +169,18 @@ def _started_at() -> Any:
     return case((models.Trial.attempts == 0, DatabaseClock()), else_=models.Trial.started_at)
 
 
-def _stale(session: Session, study_id: int, grace_s: float) -> list[tuple[int, str | None]]:
+def _stale(session: Session, study_id: int, host: str, grace_s: float) -> list[tuple[int, str | None]]:
     trial = models.Trial
     nominal = aliased(trial)
     in_work = select(nominal.id).where(nominal.study_id == study_id, nominal.number == 0, nominal.state == "claimed")
     # A heartbeat from the future is as stale as an old one: the database's clock was set back after its worker died.
-    silent = or_(trial.lease.is_(None), func.abs(DatabaseClock() - trial.heartbeat_at) > grace_s)
+    silence_s = func.abs(DatabaseClock() - trial.heartbeat_at)
+    silent = or_(trial.lease.is_(None), silence_s > grace_s)
+    elsewhere = and_(trial.lease.is_(None), trial.host == host, func.coalesce(silence_s, SET_ASIDE_S) < SET_ASIDE_S)
     query = (
         select(trial.id, trial.lease, silent, trial.owner, trial.host, trial.machine, trial.pid, trial.pid_started)
         .where(trial.study_id == study_id, trial.state == "claimed", or_(trial.number == 0, ~in_work.exists()))
+        .where(~elsewhere)
         .order_by(trial.number)
     )
     return [(row[0], row[1]) for row in session.execute(query) if row[2] or has_died(Worker(*row[3:]))]
@@ -222,6 +230,11 @@ def release(database: Database, lease: TrialLease) -> bool:
     return _change(database, lease, {"lease": None, "heartbeat_at": None})
 
 
+def set_aside(database: Database, lease: TrialLease, reason: str) -> bool:
+    """Give an unfinished trial back, for another host to begin it: this one waits `SET_ASIDE_S` before it does."""
+    return _change(database, lease, {"lease": None, "heartbeat_at": DatabaseClock(), "message": reason})
+
+
 def finish(database: Database, lease: TrialLease, result: TrialResult) -> bool:
     """Store the result of a leased trial; return False, and store nothing, where the lease is lost."""
 
@@ -269,6 +282,7 @@ def _held(session: Session, token: str) -> TrialLease | None:
         trial.optuna_trial_id,
         trial.optuna_number,
         trial.options,
+        trial.message,
     ).where(trial.lease == token, trial.state == "claimed")
     row = session.execute(query).one_or_none()
     return None if row is None else TrialLease(*row)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from gtf_tune.display import ScoreUnit
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.store.trial_queue import TrialResult
+from gtf_tune.store.trial_queue import SET_ASIDE_S, TrialResult
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement
 from gtf_tune.study.runs.plan import FinishedRun
 
@@ -75,7 +75,23 @@ class TrialFinished:
     improvement: Improvement = UNKNOWN_IMPROVEMENT
 
 
-Event = TrialStarted | RunFinished | NoiseStarted | NoiseChosen | TrialFinished
+@dataclass(frozen=True)
+class TrialSetAside:
+    """A trial is left to another machine, since its runs failed and none has worked on this one yet."""
+
+    number: int
+    reason: str
+
+    @property
+    def text(self) -> str:
+        """The event in words."""
+        return (
+            f"nothing has worked on this machine yet ({self.reason}); trial {self.number} is left to another one for "
+            f"{SET_ASIDE_S:g} s, and counts if there is none"
+        )
+
+
+Event = TrialStarted | RunFinished | NoiseStarted | NoiseChosen | TrialFinished | TrialSetAside
 Callback = Callable[[Event], None]
 
 
@@ -87,7 +103,7 @@ def summary(event: Event, unit: ScoreUnit) -> str:
         case RunFinished(run) if run.stored.error and not run.reused:
             request = run.request
             return f"{request.kind} run {request.index} on {request.sequence.name} failed: {run.stored.error}"
-        case NoiseStarted() | NoiseChosen():
+        case NoiseStarted() | NoiseChosen() | TrialSetAside():
             return event.text
         case TrialFinished(number, _, result):
             found = unit.told(result.value) if result.feasible else f"infeasible, {result.message}"

@@ -1,5 +1,6 @@
 """What is wrong with one study, or with this machine, costs neither the other studies nor the verdicts."""
 
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,14 @@ from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.report.dashboard.notes import study_note
 from gtf_tune.report.study_data import read_search
 from gtf_tune.sequence import load_sequence
-from gtf_tune.store import runs, studies
+from gtf_tune.store import runs, studies, trial_queue
 from gtf_tune.store.database import Database, models
 from gtf_tune.store.database.session import read_rows, write
+from gtf_tune.store.trial_queue import this_worker
 from gtf_tune.study.create import checked_definition, create_study
+from gtf_tune.study.events import Event, TrialSetAside
 from gtf_tune.study.open_study import open_study
+from gtf_tune.study.runs.stop import StopRequest
 from gtf_tune.study.work.server import WorkerLoop, WorkerRules
 from gtf_tune.study.work.worker import StudyWorker
 from tests.execution.doubles import SEQUENCE
@@ -118,6 +122,59 @@ def test_a_fault_of_the_machine_is_stored_and_ends_the_work_but_is_never_reused(
     assert said in study_note(read_search(database, "small")).replace("\\", "")
     studies.delete_study(database, "small")
     assert read_rows(database, select(models.Run.id)) == []
+
+
+class BadNode(InlineExecutor):
+    """Behave like an executor on a machine where every run fails."""
+
+    def submit(self, request: RunRequest, limits: RunLimits, known_good: RunRequest | None = None) -> Any:
+        outcome: RunOutcome = super().submit(request, limits, known_good).result()
+        future: Future[RunOutcome] = Future()
+        nothing = outcome.trajectory.select(slice(0, 0))
+        future.set_result(replace(outcome, status="failed", error="no library here", trajectory=nothing))
+        return future
+
+
+def on_host(database: Database, host: str, executor: InlineExecutor, said: list[str] | None = None) -> StudyWorker:
+    def note(event: Event) -> None:
+        if isinstance(event, TrialSetAside) and said is not None:
+            said.append(event.text)
+
+    worker = replace(this_worker(), name=host, host=host, machine=host)
+    return StudyWorker(open_study(database, "small"), executor, StopRequest(), [note], worker=worker)
+
+
+@pytest.mark.parametrize("sigma", [5.0, "auto"])
+def test_a_machine_on_which_everything_fails_leaves_nominal_to_another_host(
+    database: Database, room: Path, monkeypatch: pytest.MonkeyPatch, sigma: float | str
+) -> None:
+    monkeypatch.setattr(Database, "is_shared", True)
+    create(database, room, gtf={"noise_sigma": sigma})
+    said: list[str] = []
+    bad, good = on_host(database, "bad", BadNode(), said), on_host(database, "good", InlineExecutor())
+
+    assert not bad.work_while_free()
+    ((state, host, message),) = read_rows(database, select(models.Trial.state, models.Trial.host, models.Trial.message))
+    assert good.work()
+
+    assert said == [TrialSetAside(0, "no library here").text]
+    assert (state, host) == ("claimed", "bad")
+    assert message.endswith("no library here")
+    (summary,) = studies.summaries(database)
+    assert (summary.complete, summary.infeasible) == (3, 0)
+
+
+def test_a_failure_of_nominal_counts_where_no_other_machine_takes_it(
+    database: Database, room: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Database, "is_shared", True)
+    monkeypatch.setattr(trial_queue, "SET_ASIDE_S", 0.0)
+    create(database, room)
+
+    assert on_host(database, "only", BadNode()).work()
+
+    (summary,) = studies.summaries(database)
+    assert (summary.complete, summary.infeasible) == (3, 3)
 
 
 def test_pixels_that_change_while_a_study_is_open_end_its_work(database: Database, room: Path) -> None:

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Self
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from gtf_tune.cli.terminal.console import duration, printable, say, stderr
-from gtf_tune.study.events import Event, NoiseChosen, NoiseStarted, RunFinished, TrialFinished, TrialStarted
+from gtf_tune.study.events import (
+    Event,
+    NoiseChosen,
+    NoiseStarted,
+    RunFinished,
+    TrialFinished,
+    TrialSetAside,
+    TrialStarted,
+)
 from gtf_tune.study.runs.plan import FinishedRun
 
 if TYPE_CHECKING:
@@ -82,6 +90,8 @@ class StudyProgress:
                     self._show_noise(event)
                 case TrialFinished():
                     self._show_trial(event)
+                case TrialSetAside():
+                    say(printable(event.text))
 
     def _plan(self, runs: int) -> None:
         self._planned += runs

@@ -52,6 +52,11 @@ class Database:
         """Return the URL for messages, without passwords."""
         return display_url(self.url)
 
+    @property
+    def is_shared(self) -> bool:
+        """Whether other machines may use it: no file of SQLite, whose locks do not hold across machines."""
+        return self.engine.dialect.name != "sqlite"
+
     def close(self) -> None:
         """Close the connections that are not in use."""
         self.engine.dispose()

@@ -93,12 +93,17 @@ class Interrupted(Exception):
     """Signal that someone asked to stop before the trial was complete; what has finished is stored."""
 
 
+class NothingWorksError(Exception):
+    """Signal that runs failed where none on their images has ever worked: this machine may be at fault."""
+
+
 @dataclass(frozen=True)
 class RunSource:
     """Provide finished runs: reuse what is stored, execute and store the rest.
 
     ``on_event`` gets a `RunFinished` for each run. ``nominal_run`` returns the nominal run on a sequence: where that
-    one has succeeded, executors check by it whether a failure is the configuration's or the machine's.
+    one has succeeded, executors check by it whether a failure is the configuration's or the machine's. Where it has
+    not, and ``doubts_failures``, a failure beside which no run succeeds is not stored but raised.
     """
 
     database: Database
@@ -107,6 +112,7 @@ class RunSource:
     stop: StopRequest
     on_event: Callback = ignore
     nominal_run: Callable[[ImageSequence], RunRequest] | None = None
+    doubts_failures: bool = False
 
     def obtain(self, requests: Sequence[RunRequest]) -> list[FinishedRun]:
         """Return a finished run for every request, in the same order.
@@ -117,6 +123,8 @@ class RunSource:
             Someone asked to stop; runs that finished are stored.
         MachineError
             This machine is at fault; what failed because of it is stored under a key that is never reused.
+        NothingWorksError
+            Failures are doubted, and nothing shows that this machine can make runs on these images.
         """
         obtained = self._stored(requests)
         for run in obtained.values():
@@ -165,6 +173,7 @@ class _Batch:
     source: RunSource
     requests: Mapping[int, RunRequest]
     finished: dict[int, FinishedRun] = field(default_factory=dict)
+    doubted: dict[int, RunOutcome] = field(default_factory=dict)
 
     def finish(self) -> dict[int, FinishedRun]:
         """Wait for all runs and return them as stored."""
@@ -183,12 +192,13 @@ class _Batch:
                 raise Interrupted
             wait(list(waiting.values()), timeout=_POLL_S, return_when=FIRST_COMPLETED)
             for place in [place for place, future in waiting.items() if future.done()]:
-                self._store(place, waiting.pop(place))
+                self._take(place, waiting.pop(place), doubted=source.doubts_failures and not good)
+        self._judge_doubted()
         if len(self.finished) < len(self.requests):
             raise Interrupted
         return self.finished
 
-    def _store(self, place: int, future: "Future[RunOutcome]") -> None:
+    def _take(self, place: int, future: "Future[RunOutcome]", *, doubted: bool) -> None:
         try:
             outcome = future.result()
         except CancelledError:
@@ -200,6 +210,21 @@ class _Batch:
             with contextlib.suppress(StorageError):  # it may be the database's disk that is full
                 runs.save(self.source.database, request, outcome, _fault_key(request, outcome))
         outcome.raise_for_machine()
+        if outcome.status != "ok" and doubted:
+            self.doubted[place] = outcome
+        else:
+            self._store(place, outcome)
+
+    def _judge_doubted(self) -> None:
+        """Store the failures that were doubted where other runs have worked here, and raise where none has."""
+        worked = any(run.stored.status == "ok" for run in self.finished.values())
+        for place, outcome in self.doubted.items():
+            if not worked:
+                raise NothingWorksError(outcome.error)
+            self._store(place, outcome)
+
+    def _store(self, place: int, outcome: RunOutcome) -> None:
+        request = self.requests[place]
         key = request.key if outcome.status == "ok" else failed_key(request, self.source.limits)
         stored = runs.save(self.source.database, request, outcome, key)
         run = FinishedRun(request, stored, self._trajectory(stored, outcome), reused=False)

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import platform
 import threading
 import time
 from collections.abc import Mapping
@@ -21,7 +22,7 @@ from gtf_tune.store.optuna.tables import with_optuna
 from gtf_tune.store.runs import TrialRun
 from gtf_tune.store.trial_queue import TrialLease, TrialResult
 from gtf_tune.store.trials import MADE_BY_KEY
-from gtf_tune.study.events import Callback, TrialFinished, TrialStarted
+from gtf_tune.study.events import Callback, TrialFinished, TrialSetAside, TrialStarted
 from gtf_tune.study.ground_truth.record import record_side_metric
 from gtf_tune.study.noise.ladder import with_noise
 from gtf_tune.study.open_study import OpenStudy
@@ -32,7 +33,7 @@ from gtf_tune.study.outcome.improvement import (
     score_matrices,
     stored_matrices,
 )
-from gtf_tune.study.runs.run_source import Interrupted, RunSource, SequenceRuns, run_limits
+from gtf_tune.study.runs.run_source import Interrupted, NothingWorksError, RunSource, SequenceRuns, run_limits
 from gtf_tune.study.runs.stop import StopRequest
 from gtf_tune.study.scoring.early_stopping import Decision, Sizing
 from gtf_tune.study.scoring.objective import SequenceScore, made_by
@@ -61,7 +62,7 @@ class TrialRunner:
         Raises
         ------
         Interrupted
-            Someone asked to stop, or another worker has taken the trial over.
+            Someone asked to stop, another worker has taken the trial over, or it is left to another machine.
         """
         stop = StopRequest(self.stop)
         self.heartbeat.hold(lease, stop)
@@ -69,6 +70,10 @@ class TrialRunner:
             end = self._run(lease, stop)
         except UpdateFinishedTrialError as error:  # another worker took it over, or someone ended it with Optuna
             trial_queue.release(self.study.database, lease)
+            raise Interrupted from error
+        except NothingWorksError as error:
+            trial_queue.set_aside(self.study.database, lease, f"nothing worked on {platform.node()}: {error}")
+            self.on_event(TrialSetAside(lease.number, str(error)))
             raise Interrupted from error
         except BaseException:
             trial_queue.release(self.study.database, lease)
@@ -88,6 +93,7 @@ class TrialRunner:
             stop,
             self.on_event,
             self.study.nominal_run,
+            doubts_failures=lease.number == 0 and self.study.database.is_shared and not lease.set_aside,
         )
         study = with_noise(self.study, self.study.sequences, source)
         scored = self._score(trial, TrialScorer(study, source, options, lease.number, reference))
