@@ -2,6 +2,8 @@
 
 import errno
 import sys
+import threading
+import traceback
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module
@@ -288,6 +290,12 @@ def common(
     del version
 
 
+def _is_of_threads(error: BaseException) -> bool:
+    """Whether an error comes from the module `threading` itself: no thread could be started, or one never was."""
+    last = traceback.extract_tb(error.__traceback__, limit=-1)
+    return bool(last) and last[0].filename == threading.__file__
+
+
 def main() -> None:
     """Run the command line; a `GtfTuneError` becomes one sentence on stderr and exit code 1, Ctrl-C exit code 130."""
     ready_streams()
@@ -300,6 +308,11 @@ def main() -> None:
         if error.errno not in _SHORTAGES:
             raise
         say(f"error: this machine gives no more ({error.strerror}); end other programs or raise its limits (ulimit -a)")
+        sys.exit(1)
+    except RuntimeError as error:
+        if not _is_of_threads(error):
+            raise
+        say("error: this machine starts no more threads; end other programs or raise its limits (ulimit -u)")
         sys.exit(1)
     except KeyboardInterrupt:  # before the command has begun, or after it; in between typer hears of it
         sys.exit(INTERRUPTED_EXIT_CODE)

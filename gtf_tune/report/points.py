@@ -13,7 +13,7 @@ from gtf_tune.display import ScoreUnit, definition_unit, sequence_unit
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.report.study_data import StudyData
 from gtf_tune.store.trials import Trial
-from gtf_tune.study.scoring.objective import CoverageFloor, coverage_floor
+from gtf_tune.study.scoring.objective import CoverageFloor, coverage_floor, rules_of
 from gtf_tune.trajectory import FloatArray
 
 
@@ -63,7 +63,8 @@ def nominal_floor(data: StudyData, sequence: str) -> CoverageFloor | None:
     clean = stored.get("coverage_clean") or [stored_number(stored.get("coverage_nominal"))]
     if math.isnan(clean[0]):
         return None
-    return coverage_floor(clean, stored.get("coverage_noisy") or [], data.definition.gtf.coverage_floor)
+    share, rules = data.definition.gtf.coverage_floor, rules_of(data.study)
+    return coverage_floor(clean, stored.get("coverage_noisy") or [], share, rules)
 
 
 def stored_number(value: Any) -> float:

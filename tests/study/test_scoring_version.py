@@ -21,7 +21,7 @@ from gtf_tune.study.work.worker import StudyWorker
 from tests.study.conftest import Runner, definition_of
 
 REASON = (
-    r"study 'small' is scored by rules of version 1, which gtf-tune \S+ has, but this one scores by version 2; work"
+    r"study 'small' is scored by rules of version 2, which gtf-tune \S+ has, but this one scores by version 3; work"
 )
 
 
@@ -29,7 +29,8 @@ REASON = (
 def later(room: Path, run_study: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
     """Run a study, and let this be a version with other rules."""
     run_study(definition_of(room, search={"trials": 2}))
-    monkeypatch.setattr(objective, "SCORING_VERSION", 2)
+    monkeypatch.setattr(objective, "SCORING_VERSION", 3)
+    monkeypatch.setattr(objective, "KNOWN_RULES", (3,))
 
 
 def test_the_version_of_the_rules_is_stored(room: Path, database: Database, run_study: Runner) -> None:
@@ -54,7 +55,7 @@ def test_a_study_without_a_version_has_the_first_rules(database: Database) -> No
 
     write(database, forget)
 
-    with pytest.raises(DefinitionError, match=REASON):
+    with pytest.raises(DefinitionError, match=REASON.replace("version 2", "version 1")):
         open_study(database, "small")
 
 
@@ -66,7 +67,7 @@ def test_a_worker_leaves_a_study_with_other_rules_alone_and_says_so(database: Da
     WorkerLoop(database, InlineExecutor(), WorkerRules(), announce=said.append).run()
 
     assert len(said) == 1
-    assert said[0].startswith("study 'small' is left to other workers: study 'small' is scored by rules of version 1")
+    assert said[0].startswith("study 'small' is left to other workers: study 'small' is scored by rules of version 2")
 
 
 def test_trials_that_another_definition_scored_are_found_by_a_check_and_not_made_by_a_worker(

@@ -7,6 +7,7 @@ import plotly.graph_objects as go
 
 from gtf_tune.report.drawing import markup, theme
 from gtf_tune.report.drawing.axes import trial_text
+from gtf_tune.report.drawing.markup import Html
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
 from gtf_tune.report.points import PointSet, nominal_floor, study_points
 from gtf_tune.report.study_data import StudyData
@@ -57,7 +58,21 @@ def coverage_panel(report: ReportInput) -> list[Block]:
     if not any(math.isfinite(point.coverage) for point in points.points):
         return [markup.missing("No trial is complete yet, so there is no coverage to show.")]
     drawn = coverage_figure(points, [floor for sequence in data.sequences for floor in _floors(data, sequence.name)])
-    return [Drawing("coverage", "", drawn, is_wide=True)]
+    return [Drawing("coverage", "", drawn, is_wide=True), *_counted_frames(data)]
+
+
+def _counted_frames(data: StudyData) -> list[Html]:
+    """Return a sentence for each sequence on the frames by which configurations are scored, where not all count."""
+    stored = data.details.get(0, {}).get("sequences", {})
+    counted = [(sequence, stored.get(sequence.name, {}).get("counted_frames")) for sequence in data.sequences]
+    return [
+        markup.paragraph(
+            f"On {sequence.name}, errors are taken at the {number} of {sequence.num_frames} frames that every "
+            "dependable run of nominal registered."
+        )
+        for sequence, number in counted
+        if number is not None and number < sequence.num_frames
+    ]
 
 
 def _floors(data: StudyData, sequence: str) -> list[tuple[str, float]]:

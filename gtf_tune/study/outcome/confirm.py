@@ -9,11 +9,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import DefinitionError
-from gtf_tune.gtf import gtf_score
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Sequence as ImageSequence
@@ -28,7 +28,7 @@ from gtf_tune.study.outcome.recommendation import without_feasible_trial
 from gtf_tune.study.outcome.verdict import Verdict, verdict_of
 from gtf_tune.study.runs.plan import FinishedRun, RunPlanner, SeedSource, run_order
 from gtf_tune.study.runs.run_source import RunSource, finished_by_sequence
-from gtf_tune.study.scoring.objective import settings_of
+from gtf_tune.study.scoring.objective import counted_frames, rules_of, score_on, settings_of
 
 DEFAULT_TOP = 3
 DEFAULT_RUNS = 16
@@ -135,14 +135,17 @@ def confirm(study: OpenStudy, plan: ConfirmationPlan, source: RunSource) -> Verd
     study = with_noise(study, plan.sequences, source)
     keys: list[str] = []
     found: list[Measured] = []
+    frames: dict[str, frozenset[int] | None] = {}
     for label, trial in (("", plan.nominal), *plan.compared) if plan.compared else ():
         finished = source.obtain(_requests(study, plan, trial.options or {}))
-        of_trial = measured(trial.number, trial.options or {}, finished, study.definition.gtf)
+        if not found and rules_of(study.record) > 1:
+            frames = {name: counted_frames(runs) for name, runs in finished_by_sequence(finished).items()}
+        of_trial = measured(trial.number, trial.options or {}, finished, study.definition.gtf, frames)
         found.append(replace(of_trial, baseline=label))
         keys += [run.stored.key for run in finished]
     holdouts = frozenset(plan.sequences) - frozenset(study.sequences)
-    margins = study.record.resolved.get(MARGINS_KEY, {})
-    findings = Findings(found[0] if found else None, tuple(found[1:]), holdouts, margins)
+    margins, rules = study.record.resolved.get(MARGINS_KEY, {}), rules_of(study.record)
+    findings = Findings(found[0] if found else None, tuple(found[1:]), holdouts, rules, margins)
     verdict = replace(judge(findings, study.definition.gtf), noisy_runs=plan.noisy_runs)
     definition = {**_scope(study, plan), "purpose": plan.purpose, "run_keys": keys}
     stored = confirmations.add(study.database, study.record.id, definition, verdict.as_json(), verdict.word)
@@ -185,11 +188,18 @@ def _all_sequences(study: OpenStudy, places: Mapping[str, Path]) -> dict[str, Im
 
 
 def measured(
-    number: int, options: Mapping[str, OptionValue], finished: Sequence[FinishedRun], gtf: GtfDefinition
+    number: int,
+    options: Mapping[str, OptionValue],
+    finished: Sequence[FinishedRun],
+    gtf: GtfDefinition,
+    frames: Mapping[str, frozenset[int] | None] = MappingProxyType({}),
 ) -> Measured:
-    """Return the score of one configuration on every sequence, and its clean runs that worked."""
+    """Return the score of one configuration on every sequence, and its clean runs that worked.
+
+    ``frames`` are those by which runs on a sequence are scored; all where it has none.
+    """
     scores = {
-        name: gtf_score(runs.clean, runs.noisy, settings_of(gtf), num_frames=runs.num_frames)
+        name: score_on(runs, frames.get(name), settings_of(gtf))
         for name, runs in finished_by_sequence(finished).items()
     }
     clean = {

@@ -39,7 +39,7 @@ from gtf_tune.study.outcome.verdict import (
     SequenceFacts,
     Verdict,
 )
-from gtf_tune.study.scoring.objective import LEAST_COMMON, CoverageFloor, below, coverage_floor
+from gtf_tune.study.scoring.objective import LEAST_COMMON, SCORING_VERSION, CoverageFloor, below, coverage_floor
 
 SIGNIFICANCE = 0.05
 
@@ -71,11 +71,13 @@ class Findings:
 
     ``holdouts`` are the sequences that the search did not see: they can prevent an adoption, not bring one about.
     ``margins`` are the shares of the score that some options have to win, by name.
+    ``rules`` is the version of the scoring rules of the study.
     """
 
     nominal: Measured | None
     candidates: tuple[Measured, ...]
     holdouts: frozenset[str] = frozenset()
+    rules: int = SCORING_VERSION
     margins: Mapping[str, float] = field(default_factory=dict)
 
     def margin(self, candidate: Measured) -> float:
@@ -107,7 +109,7 @@ def judge(findings: Findings, gtf: GtfDefinition, significance: float = SIGNIFIC
     nominal = findings.nominal
     if nominal is None:
         return Verdict(KEEP, None, (), None)
-    compared = [_compare(nominal, candidate, findings.holdouts, gtf, significance) for candidate in findings.candidates]
+    compared = [_compare(findings, nominal, candidate, gtf, significance) for candidate in findings.candidates]
     fails = _fails(nominal, findings.holdouts)
     searched = [name for name in nominal.scores if name not in findings.holdouts]
     doubts = () if fails else doubts_of_scores(nominal.scores, searched)
@@ -146,15 +148,17 @@ def _working(measured: Measured) -> dict[str, int]:
 
 
 def _compare(
-    nominal: Measured, candidate: Measured, holdouts: frozenset[str], gtf: GtfDefinition, significance: float
+    findings: Findings, nominal: Measured, candidate: Measured, gtf: GtfDefinition, significance: float
 ) -> _Compared:
+    holdouts = findings.holdouts
     searched = [name for name in nominal.scores if name not in holdouts]
     pairs = {name: (score, candidate.scores[name]) for name, score in nominal.scores.items()}
     by_sequence = {name: _difference([pair]) for name, pair in pairs.items()}
     together = _difference([pairs[name] for name in searched])
-    faults = [
-        fault for name in nominal.scores for fault in _faults(name, nominal.scores[name], candidate.scores[name], gtf)
-    ]
+    faults = []
+    for name, (of_nominal, of_candidate) in pairs.items():
+        found = _lost_frames(name, of_nominal, of_candidate, gtf.coverage_floor, findings.rules)
+        faults += [*found, *_faults(name, of_nominal, of_candidate, lost=bool(found))]
     faults += [
         f"on {name} it {fault}" for name in nominal.scores for fault in _contradictions(name, nominal, candidate)
     ]
@@ -179,10 +183,11 @@ def _is_worse(found: PairedDifference, significance: float) -> bool:
     return found.ratio > 1 and found.p_value < significance
 
 
-def _faults(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinition) -> list[str]:
-    found = _lost_frames(name, nominal, candidate, gtf)
+def _faults(name: str, nominal: GtfScore, candidate: GtfScore, *, lost: bool) -> list[str]:
+    """Return what speaks against a candidate on one sequence besides ``lost`` frames."""
+    found = []
     apart = [int((score.common_shares < LEAST_COMMON).sum()) for score in (nominal, candidate)]
-    if apart[1] > apart[0] and not found:
+    if apart[1] > apart[0] and not lost:
         shown, wanted = below(float(candidate.common_shares.min()), LEAST_COMMON)
         found.append(f"a noisy run on {name} shares {shown} of its frames with a clean one, less than {wanted}")
     of_nominal, of_candidate = common_collapses(nominal.matrix, candidate.matrix)
@@ -197,10 +202,10 @@ def _faults(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinitio
     return found
 
 
-def _lost_frames(name: str, nominal: GtfScore, candidate: GtfScore, gtf: GtfDefinition) -> list[str]:
+def _lost_frames(name: str, nominal: GtfScore, candidate: GtfScore, share: float, rules: int) -> list[str]:
     """Return the worst run where more runs of the candidate than of nominal miss the floor that nominal sets."""
     clean, noisy = nominal.coverage_clean.tolist(), nominal.coverage_noisy.tolist()
-    floor = coverage_floor(clean, noisy, gtf.coverage_floor)
+    floor = coverage_floor(clean, noisy, share, rules)
     missing = [_missing(score, floor) for score in (nominal, candidate)]
     if sum(gap > 0 for gap, _, _ in missing[1]) <= sum(gap > 0 for gap, _, _ in missing[0]):
         return []

@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from gtf_tune.definition import LimitsDefinition
 from gtf_tune.errors import StorageError
 from gtf_tune.execution import Executor, RunLimits
@@ -31,6 +33,14 @@ class SequenceRuns:
     noisy: tuple[Trajectory, ...]
     num_frames: int
     errors: tuple[str, ...] = ()
+
+    def at(self, frames: frozenset[int]) -> "SequenceRuns":
+        """Return the runs with their poses at these frames only."""
+        ids = np.array(sorted(frames), dtype=np.int64)
+        clean, noisy = (
+            tuple(run.select(np.isin(run.frame_ids, ids)) for run in runs) for runs in (self.clean, self.noisy)
+        )
+        return replace(self, clean=clean, noisy=noisy)
 
     @property
     def clean_coverage(self) -> tuple[float, ...]:

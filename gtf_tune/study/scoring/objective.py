@@ -5,19 +5,28 @@ A run must register nearly as many frames as under nominal. Nothing here knows w
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 
 import numpy as np
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import DefinitionError
-from gtf_tune.gtf import GtfScore, GtfSettings, gtf_score
+from gtf_tune.gtf import GtfScore, GtfSettings, score_of_pairs
+from gtf_tune.metrics import pairwise_matrix
 from gtf_tune.pipelines.run import digest
 from gtf_tune.store.studies import Study, stored_definition
 from gtf_tune.study.runs.run_source import SequenceRuns
 from gtf_tune.trajectory.alignment import MIN_MATCHED
 from gtf_tune.version import __version__
+
+SCORING_VERSION = 2
+"""Version of the rules that turn runs into scores; to be raised whenever the same runs may score differently."""
+
+KNOWN_RULES = (1, 2)
+"""Versions of the rules by which studies can be scored: each keeps those that it began with."""
+
+RESOLVED_KEY = "scoring_version"
 
 LEAST_COMMON = 0.5
 """Part of the frames of the shorter of two runs that both must have registered."""
@@ -25,20 +34,30 @@ LEAST_COMMON = 0.5
 LOST_BELOW = 0.5
 """Share of the median coverage below which a nominal run has lost the sequence and sets no example."""
 
+MOST_SPREAD = 0.1
+"""Most that the floor gives way to the spread of nominal's coverage: else frames could be traded for error."""
+
+LEAST_COUNTED = 0.75
+"""Share of the frames of nominal's runs that these must have in common for them to be those that count."""
+
 _MOST_DIGITS = 6
 _SHOWN = 12
 
 
 @dataclass(frozen=True)
 class CoverageFloor:
-    """Least coverage, a fraction of the frames, that clean and noisy runs must reach."""
+    """Least coverage, a fraction of the frames, that clean and noisy runs must reach.
+
+    ``frames`` are the ids of those frames by which runs are scored; None where all count.
+    """
 
     clean: float
     noisy: float
+    frames: frozenset[int] | None = None
 
     def at_least(self, other: "CoverageFloor") -> "CoverageFloor":
         """Return the higher of two floors, of each kind."""
-        return CoverageFloor(max(self.clean, other.clean), max(self.noisy, other.noisy))
+        return replace(self, clean=max(self.clean, other.clean), noisy=max(self.noisy, other.noisy))
 
 
 def least_floor(num_frames: int) -> CoverageFloor:
@@ -46,18 +65,25 @@ def least_floor(num_frames: int) -> CoverageFloor:
     return CoverageFloor(MIN_MATCHED / num_frames, MIN_MATCHED / num_frames)
 
 
-def coverage_floor(clean: Sequence[float], noisy: Sequence[float], share: float) -> CoverageFloor:
-    """Return the floor that the coverages of nominal's runs set: ``share`` of the least of each kind.
+def coverage_floor(
+    clean: Sequence[float], noisy: Sequence[float], share: float, rules: int = SCORING_VERSION
+) -> CoverageFloor:
+    """Return the floor that the coverages of nominal's runs set, by the ``rules`` of a study.
+
+    It is ``share`` of what nominal reaches: its lower quartile, less what the middle half of its runs differ by, at
+    most `MOST_SPREAD`. Under the first rules it is ``share`` of the least coverage of each kind.
 
     Clean runs go by clean ones and noisy runs by noisy ones, so that nominal itself reaches the floor. Runs that failed
     or lost more than half of what others register set no example: one bad run must not open the door to settings that
     drop frames. Where no run of a kind worked, the other kind counts.
     """
-    by_kind = [_dependable(one) for one in (clean, noisy)]
+    least = _least if rules == 1 else _lower_fence
+    by_kind = [least(dependable) if (dependable := _dependable(kind)) else None for kind in (clean, noisy)]
     known = [one for one in by_kind if one is not None]
     if not known:
         return CoverageFloor(0.0, 0.0)
-    return CoverageFloor(*(share * (min(known) if one is None else one) for one in by_kind))
+    of_clean, of_noisy = (share * (min(known) if one is None else one) for one in by_kind)
+    return CoverageFloor(of_clean, of_noisy)
 
 
 def below(share: float, wanted: float) -> tuple[str, str]:
@@ -66,12 +92,35 @@ def below(share: float, wanted: float) -> tuple[str, str]:
     return next((one for one in both if one[0] != one[1]), both[-1])
 
 
-def _dependable(coverages: Sequence[float]) -> float | None:
-    """Return the least coverage of runs that did not lose the sequence; None where none worked."""
+def _dependable(coverages: Sequence[float]) -> list[float]:
+    """Return the coverages of runs that did not lose the sequence; empty where none worked."""
     worked = [coverage for coverage in coverages if coverage > 0]
-    if not worked:
+    return [coverage for coverage in worked if coverage >= LOST_BELOW * float(np.median(worked))]
+
+
+def _least(coverages: Sequence[float]) -> float:
+    return min(coverages)
+
+
+def _lower_fence(coverages: Sequence[float]) -> float:
+    low, high = np.quantile(coverages, [0.25, 0.75])
+    return float(low - min(high - low, MOST_SPREAD))
+
+
+def counted_frames(nominal: SequenceRuns) -> frozenset[int] | None:
+    """Return the frames by which all configurations are scored: those that every dependable run of nominal registered.
+
+    SLAM loses some frames of its start, others each time: what a configuration gains by losing them is no precision.
+    None, for all frames, where nominal's runs have too few in common to stand for the sequence.
+    """
+    kinds = [(runs, _dependable([float(len(run)) for run in runs])) for runs in (nominal.clean, nominal.noisy)]
+    sets = [
+        frozenset(run.frame_ids.tolist()) for runs, least in kinds for run in runs if least and len(run) >= min(least)
+    ]
+    if not sets:
         return None
-    return min(one for one in worked if one >= LOST_BELOW * float(np.median(worked)))
+    common = frozenset.intersection(*sets)
+    return common if len(common) >= LEAST_COUNTED * float(np.median([len(one) for one in sets])) else None
 
 
 _UNBOUNDED_PENALTY = 1e6
@@ -83,13 +132,15 @@ class SequenceScore:
     """Score of one sequence, or why there is none.
 
     ``violation`` is how far the worst run stays below the coverage floor (0 where none does), ``coverage`` the least
-    coverage of any run, both as fractions of the sequence's frames.
+    coverage of any run, both as fractions of the sequence's frames. ``counted`` is the number of frames by which runs
+    are scored; None where all count.
     """
 
     score: GtfScore | None
     coverage: float
     violation: float
     message: str = ""
+    counted: int | None = None
 
     @property
     def feasible(self) -> bool:
@@ -177,7 +228,7 @@ def score_sequence(runs: SequenceRuns, floor: CoverageFloor, gtf: GtfDefinition)
         shown, floor_shown = below(worst, wanted)
         message = runs.errors[0] if runs.errors else f"a run registered {shown} of the frames, less than {floor_shown}"
         return SequenceScore(None, coverage, max(missing, _JUST_VIOLATED), message)
-    score = gtf_score(runs.clean, runs.noisy, settings_of(gtf), num_frames=runs.num_frames)
+    score = score_on(runs, floor.frames, settings_of(gtf))
     if score.pair_errors:
         reason = next(iter(score.pair_errors.values()))
         failing = len(score.pair_errors) / (len(runs.clean) * len(runs.noisy))
@@ -185,7 +236,17 @@ def score_sequence(runs: SequenceRuns, floor: CoverageFloor, gtf: GtfDefinition)
     least, reason = _least_common(score)
     if least < LEAST_COMMON:
         return SequenceScore(score, coverage, max(LEAST_COMMON - least, _JUST_VIOLATED), reason)
-    return SequenceScore(score, coverage, min(missing, 0.0))
+    return SequenceScore(
+        score, coverage, min(missing, 0.0), counted=None if floor.frames is None else len(floor.frames)
+    )
+
+
+def score_on(runs: SequenceRuns, frames: frozenset[int] | None, settings: GtfSettings) -> GtfScore:
+    """Return the score of runs by their poses at some frames, all where ``frames`` is None; coverages are of all."""
+    at = runs if frames is None else runs.at(frames)
+    pairs = pairwise_matrix(at.clean, at.noisy, settings.pair_metric)
+    of_clean, of_noisy = ([len(run) for run in kind] for kind in (runs.clean, runs.noisy))
+    return score_of_pairs(pairs, settings, of_clean, of_noisy, runs.num_frames)
 
 
 def _least_common(score: GtfScore) -> tuple[float, str]:
@@ -241,12 +302,6 @@ def _combine(by_sequence: Mapping[str, SequenceScore], nominal: Mapping[str, flo
     return float(np.exp(np.mean([math.log(ratio) for ratio in ratios])))
 
 
-SCORING_VERSION = 1
-"""Version of the rules that turn runs into scores; to be raised whenever the same runs may score differently."""
-
-RESOLVED_KEY = "scoring_version"
-
-
 _SCORED_BY = ("pipeline", "sequences", "gtf")
 
 
@@ -260,21 +315,26 @@ def made_by(study: Study) -> dict[str, str | int]:
     return {
         "gtf_tune": __version__,
         "optuna": version("optuna"),
-        "scoring": SCORING_VERSION,
+        "scoring": rules_of(study),
         "definition": digest(sections)[:_SHOWN],
     }
 
 
+def rules_of(study: Study) -> int:
+    """Return the version of the rules by which a study is scored."""
+    return int(study.resolved.get(RESOLVED_KEY, 1))
+
+
 def check_rules(study: Study) -> None:
-    """Raise `DefinitionError` unless the study is scored by the rules of this version.
+    """Raise `DefinitionError` unless this version has the rules by which the study is scored.
 
     Raises
     ------
     DefinitionError
         The study began with other rules.
     """
-    began_with = study.resolved.get(RESOLVED_KEY, 1)
-    if began_with != SCORING_VERSION:
+    began_with = rules_of(study)
+    if began_with not in KNOWN_RULES:
         made_by = study.resolved["versions"].get("gtf_tune", "another version")
         raise DefinitionError(
             f"study '{study.name}' is scored by rules of version {began_with}, which gtf-tune {made_by} has, but this "

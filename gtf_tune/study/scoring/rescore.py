@@ -5,7 +5,7 @@ Nothing is run and nothing is stored: the study keeps the scores that its search
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from gtf_tune.definition import GtfDefinition
@@ -22,8 +22,10 @@ from gtf_tune.study.scoring.objective import (
     SequenceScore,
     TrialScore,
     check_rules,
+    counted_frames,
     coverage_floor,
     least_floor,
+    rules_of,
     score_sequence,
     score_trial,
 )
@@ -68,7 +70,7 @@ def rescore(database: Database, name: str, changes: Mapping[str, Any]) -> Rescor
     """
     study = studies.get(database, name)
     check_rules(study)
-    definition = stored_definition(study)
+    definition, rules = stored_definition(study), rules_of(study)
     gtf = _changed(definition.gtf, changes)
     known = [one for one in trials.of_study(database, study.id) if one.state in ("complete", "pruned")]
     if not known or known[0].number != 0:
@@ -81,11 +83,13 @@ def rescore(database: Database, name: str, changes: Mapping[str, Any]) -> Rescor
     nominal_values: dict[str, float] = {}
     for trial in known:
         sequences = stored_by_sequence(database, uses[trial.number])
-        by_sequence = {name: _score_sequence(runs_, floors.get(name), gtf) for name, runs_ in sequences.items()}
+        if not floors:
+            floors = {key: _own_floor(runs_, rules) for key, runs_ in sequences.items()}
+        by_sequence = {name: score_sequence(runs_, floors[name], gtf) for name, runs_ in sequences.items()}
         scores[trial.number] = score_trial(by_sequence, nominal_values or None, gtf)
         if trial.number == 0:
             nominal_values = {key: one.score.value for key, one in by_sequence.items() if one.score and one.feasible}
-            floors = {key: _floor(runs_, gtf) for key, runs_ in sequences.items()}
+            floors = {key: _floor(runs_, gtf, rules) for key, runs_ in sequences.items()}
             _check_nominal(by_sequence, name)
     return Rescored(gtf, _ranked([RescoredTrial(trial, scores[trial.number]) for trial in known]))
 
@@ -99,9 +103,9 @@ def _changed(gtf: GtfDefinition, changes: Mapping[str, Any]) -> GtfDefinition:
     return section_from_dict(GtfDefinition, {**gtf.model_dump(), **changes}, source="rescore")
 
 
-def _score_sequence(runs_: SequenceRuns, floor: CoverageFloor | None, gtf: GtfDefinition) -> SequenceScore:
-    """Return the score of one sequence; without a floor the frames that an alignment needs are enough."""
-    return score_sequence(runs_, floor or least_floor(runs_.num_frames), gtf)
+def _own_floor(nominal: SequenceRuns, rules: int) -> CoverageFloor:
+    """Return the floor of nominal itself: the frames that an alignment needs are enough."""
+    return replace(least_floor(nominal.num_frames), frames=counted_frames(nominal) if rules > 1 else None)
 
 
 def _check_nominal(by_sequence: Mapping[str, SequenceScore], name: str) -> None:
@@ -113,10 +117,11 @@ def _check_nominal(by_sequence: Mapping[str, SequenceScore], name: str) -> None:
         )
 
 
-def _floor(nominal: SequenceRuns, gtf: GtfDefinition) -> CoverageFloor:
+def _floor(nominal: SequenceRuns, gtf: GtfDefinition, rules: int) -> CoverageFloor:
     """Return the coverage floor that nominal's runs on a sequence set."""
-    floor = coverage_floor(nominal.clean_coverage, nominal.noisy_coverage, gtf.coverage_floor)
-    return floor.at_least(least_floor(nominal.num_frames))
+    floor = coverage_floor(nominal.clean_coverage, nominal.noisy_coverage, gtf.coverage_floor, rules)
+    own = _own_floor(nominal, rules)
+    return replace(floor.at_least(own), frames=own.frames)
 
 
 def _ranked(rescored: list[RescoredTrial]) -> tuple[RescoredTrial, ...]:

@@ -1,7 +1,7 @@
 """Score a trial: obtain its runs, and compare it with the nominal trial and with the best one before it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,13 +12,15 @@ from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.store import runs, trials
 from gtf_tune.study.open_study import OpenStudy
 from gtf_tune.study.runs.plan import FinishedRun, run_order
-from gtf_tune.study.runs.run_source import RunSource, SequenceRuns, finished_by_sequence
+from gtf_tune.study.runs.run_source import RunSource, SequenceRuns, finished_by_sequence, stored_by_sequence
 from gtf_tune.study.scoring.early_stopping import Decision
 from gtf_tune.study.scoring.objective import (
     CoverageFloor,
     TrialScore,
+    counted_frames,
     coverage_floor,
     least_floor,
+    rules_of,
     score_sequence,
     score_trial,
 )
@@ -88,10 +90,17 @@ class TrialScorer:
         self._finished += self.source.obtain(requests[len(self._finished) :])
         finished = tuple(self._finished[: len(requests)])
         by_sequence = finished_by_sequence(finished)
-        scores = {name: score_sequence(one, self.reference.floors[name], gtf) for name, one in by_sequence.items()}
+        scores = {name: score_sequence(runs, self._floor(name, runs), gtf) for name, runs in by_sequence.items()}
         score = score_trial(scores, self.reference.nominal_scores or None, gtf)
         instances = instance_values(score, self.reference)
         return ScoredTrial(self.options, score, self.reference, finished, by_sequence, instances)
+
+    def _floor(self, name: str, runs: SequenceRuns) -> CoverageFloor:
+        """Return the floor of a sequence; nominal, which sets it, is scored by the frames that its own runs share."""
+        floor = self.reference.floors[name]
+        if self.number or rules_of(self.study.record) == 1:
+            return floor
+        return replace(floor, frames=counted_frames(runs))
 
     def _requests(self, noisy_runs: int) -> list[RunRequest]:
         """Return the requests in the order in which runs count: more noisy runs only add to the end."""
@@ -147,9 +156,10 @@ def read_reference(study: OpenStudy, number: int) -> Reference:
 
 def _floors(study: OpenStudy, nominal_id: int, detail: Mapping[str, Any]) -> dict[str, CoverageFloor]:
     """Return the floors that nominal's runs set; their coverages are in its detail, except where it has no score."""
-    share = study.definition.gtf.coverage_floor
+    share, rules = study.definition.gtf.coverage_floor, rules_of(study.record)
     unscored = any("coverage_noisy" not in detail[name] for name in study.sequences)
-    uses = runs.of_trial(study.database, nominal_id) if unscored else []
+    uses = runs.of_trial(study.database, nominal_id) if unscored or rules > 1 else []
+    frames = {name: counted_frames(one) for name, one in stored_by_sequence(study.database, uses).items()}
     floors = {}
     for name, sequence in study.sequences.items():
         clean, noisy = (
@@ -157,7 +167,8 @@ def _floors(study: OpenStudy, nominal_id: int, detail: Mapping[str, Any]) -> dic
             or [use.run.coverage for use in uses if (use.sequence_name, use.run.kind) == (name, kind)]
             for kind in ("clean", "noisy")
         )
-        floors[name] = coverage_floor(clean, noisy, share).at_least(least_floor(len(sequence)))
+        floor = coverage_floor(clean, noisy, share, rules).at_least(least_floor(len(sequence)))
+        floors[name] = replace(floor, frames=frames.get(name) if rules > 1 else None)
     return floors
 
 

@@ -296,6 +296,7 @@ def _sequence_detail(found: SequenceScore, runs: SequenceRuns) -> dict[str, Any]
         "coverage_noisy": score.coverage_noisy.tolist(),
         "collapsed": score.collapsed.tolist(),
         "extent": _known(score.extent),
+        **({} if found.counted is None else {"counted_frames": found.counted}),
     }
 
 
