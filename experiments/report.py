@@ -16,6 +16,7 @@ from experiments.findings import (
     share_of_verdicts,
 )
 from experiments.fresh import fresh_sentence, fresh_table
+from experiments.holds import holds_part
 from experiments.numbers import known, part, percent
 from experiments.plan import CONFIRMATION_RUNS, FRAMES, TOP, TRUTHS, UNKNOWN_TRUTH
 from experiments.settings import PREDICTORS, Outcome, Setting
@@ -28,7 +29,7 @@ def write_results(findings: Findings, folder: Path) -> None:
     """Write results.md, results.json and the figures into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     drawn = write_figures(findings, folder / FOLDER)
-    page = "\n\n".join([_introduction(findings), *_parts(findings, drawn)])
+    page = "\n\n".join(["# Results", holds_part(findings), _introduction(findings), *_parts(findings, drawn)])
     (folder / "results.md").write_text(page + "\n", encoding="utf-8")
     data = {
         "experiments": [_as_data(outcome) for outcome in findings.outcomes],
@@ -78,7 +79,7 @@ def _introduction(findings: Findings) -> str:
     adopted = [one for one in confirmed if one.adopted is not None and one.adopted.number]
     worse = [one for one in adopted if one.adopted is not None and one.change(one.adopted) > 0]
     lines = [
-        "# Results",
+        "## What was measured",
         "",
         "Written by `make experiments`; every number comes from the runs. True errors are against ground truth, which "
         "neither search nor confirmation sees. GLOMAP (pycolmap), intrinsics known and fixed, one thread a run, two "

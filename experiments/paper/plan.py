@@ -105,9 +105,9 @@ def full_studies(data: Path, thin: int) -> list[PaperStudy]:
 
 def stands_for(sequence: str, printed: str) -> bool:
     """Whether a sequence is that of a row of the paper's table, or its stand-in."""
-    return (
-        sequence in STANDINS and list(STANDINS).index(sequence) == [row.sequence for row in ROWS].index(printed)
-    ) or (_letters(sequence) == _letters(printed))
+    rows = [row.sequence for row in ROWS]
+    own = dict(zip(STANDINS, rows, strict=True)).get(sequence, sequence)
+    return _letters(own) == _letters(printed)
 
 
 def _letters(text: str) -> str:
