@@ -76,5 +76,6 @@ def test_photographs_are_tuned_and_a_second_start_goes_on(folder: Path, capsys: 
 def test_every_example_is_tested_and_listed() -> None:
     listed = (ROOT / "examples" / "README.md").read_text()
 
-    assert {path.name for path in EXAMPLES} == {"score_trajectories.py", "tune_function.py", "tune_photographs.py"}
+    tested = {"linear_toy.py", "score_trajectories.py", "tune_function.py", "tune_photographs.py"}
+    assert {path.name for path in EXAMPLES} == tested
     assert all(f"`{path.name}`" in listed for path in EXAMPLES)
