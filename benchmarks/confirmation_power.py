@@ -1,7 +1,8 @@
-"""Simulate how often a confirmation adopts: a setting that is equal to nominal, and ones that are better.
+"""Simulate how often a confirmation adopts: a configuration that is equal to nominal, and ones that are better.
 
-Run ``python benchmarks/confirmation_power.py [--rounds N] [--json FILE]``; it prints the same numbers each time. It is
-the reason for the default number of noisy runs.
+Run ``python benchmarks/confirmation_power.py [--rounds N] [--json FILE]``; it prints the same numbers each time, and
+beside them the mean number of noisy runs at which the looks end it. It is the reason for the default number of noisy
+runs and for the looks.
 
 Errors are lognormal: noise instances differ by a third, three quarters of that (in logarithms) the same under both
 settings, and every pair varies by 10 %. "paired tightly" is what bare thresholds of GLOMAP's bundle adjustment show on
@@ -22,6 +23,7 @@ import numpy as np
 from benchmarks.interval_coverage import score_of
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.gtf import GtfScore
+from gtf_tune.study.outcome.confirm import looks_at
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
 from gtf_tune.study.outcome.verdict import ADOPT
 from gtf_tune.trajectory import FloatArray
@@ -62,23 +64,33 @@ WORLDS = (
 
 
 def adoptions(rounds: int) -> Iterator[Record]:
-    """Yield how often a confirmation adopts any candidate; with several, all have the same effect."""
+    """Yield how often a confirmation adopts any candidate, and after how many runs; all have the same effect."""
     for world, candidates, effect in product(WORLDS, CANDIDATES, EFFECTS):
         record: Record = {"world": world.name, "candidates": candidates, "effect": effect}
         for noisy_runs in NOISY_RUNS:
             generator = np.random.default_rng([noisy_runs, candidates, round(100 * world.common)])
-            verdicts = [_verdict(world, generator, noisy_runs, [effect] * candidates) for _ in range(rounds)]
-            record[f"N={noisy_runs}"] = float(np.mean([verdict == ADOPT for verdict in verdicts]))
+            ends = [_end(world, generator, noisy_runs, [effect] * candidates) for _ in range(rounds)]
+            record[f"N={noisy_runs}"] = float(np.mean([verdict == ADOPT for verdict, _ in ends]))
+            record[f"runs of {noisy_runs}"] = float(np.mean([runs for _, runs in ends]))
         yield record
 
 
-def _verdict(world: World, generator: np.random.Generator, noisy_runs: int, effects: list[float]) -> str:
+def _end(world: World, generator: np.random.Generator, noisy_runs: int, effects: list[float]) -> tuple[str, int]:
+    """Return the verdict of one confirmation and the noisy runs of nominal by then."""
     instances = generator.normal(size=noisy_runs)
-    settings = [
-        Measured(number, {}, {"sequence": world.setting(generator, instances, effect)})
-        for number, effect in enumerate([0.0, *effects])
-    ]
-    return judge(Findings(settings[0], tuple(settings[1:])), GtfDefinition()).word
+    configurations = [world.setting(generator, instances, effect) for effect in [0.0, *effects]]
+    ended: dict[int, int] = {}
+    for look in looks_at(noisy_runs):
+        seen = [
+            Measured(number, {}, {"sequence": score_of(score.matrix[:, : ended.get(number, look.noisy_runs)])})
+            for number, score in enumerate(configurations)
+        ]
+        verdict = judge(Findings(seen[0], tuple(seen[1:])), GtfDefinition(), look.significance)
+        dropped = {one.number for one in verdict.candidates if one.improvement.value <= 0}
+        ended |= {number: look.noisy_runs for number in dropped - set(ended)}
+        if verdict.word == ADOPT or len(ended) == len(effects):
+            break
+    return verdict.word, look.noisy_runs
 
 
 def main() -> None:
@@ -87,11 +99,13 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     records = list(adoptions(arguments.rounds))
-    columns = [f"N={count}" for count in NOISY_RUNS]
-    print(f"share of confirmations that adopt, {arguments.rounds} rounds")
-    print(f"{'world':<24}{'candidates':>11}{'effect':>8}" + "".join(f"{name:>8}" for name in columns))
+    print(f"share of confirmations that adopt, and their mean noisy runs, {arguments.rounds} rounds")
+    print(
+        f"{'world':<24}{'candidates':>11}{'effect':>8}"
+        + "".join(f"{f'N={count}':>8}{'runs':>6}" for count in NOISY_RUNS)
+    )
     for record in records:
-        shares = "".join(f"{record[name]:8.3f}" for name in columns)
+        shares = "".join(f"{record[f'N={count}']:8.3f}{record[f'runs of {count}']:6.1f}" for count in NOISY_RUNS)
         print(f"{record['world']:<24}{record['candidates']:>11}{record['effect']:>8}{shares}")
     if arguments.json:
         arguments.json.write_text(json.dumps(records, indent=2) + "\n", encoding="utf-8")

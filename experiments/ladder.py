@@ -18,7 +18,8 @@ from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.store import runs
 from gtf_tune.store.database import Database
 from gtf_tune.store.runs import trajectories
-from gtf_tune.study.noise.ladder import NoiseProbe, NoiseScale, ObtainRuns, stored_runs
+from gtf_tune.study.noise.choice import ObtainRuns, stored_runs
+from gtf_tune.study.noise.ladder import NoiseProbe, NoiseScale
 from gtf_tune.study.runs.run_source import RunSource, SequenceRuns, run_limits, sequence_runs
 from gtf_tune.trajectory import Trajectory
 

@@ -17,7 +17,8 @@ from gtf_tune.pipelines import create_pipeline
 from gtf_tune.sequence import load_sequence
 from gtf_tune.sequence.render.room import render_room
 from gtf_tune.store.database import create_database
-from gtf_tune.study.noise.ladder import NoiseProbe, stored_runs
+from gtf_tune.study.noise.choice import stored_runs
+from gtf_tune.study.noise.ladder import NoiseProbe
 from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
 from gtf_tune.study.runs.stop import StopRequest, signals_to
 from gtf_tune.trajectory import Trajectory

@@ -25,14 +25,15 @@ class NoisyRuns(Section):
 class GtfDefinition(Section):
     """Score of a trial (paper, section "GTF ATE").
 
-    ``clean_runs`` is k, ``noisy_runs`` is k_delta, ``noise_sigma`` is in grey levels (0..255). ``coverage_floor`` is
-    the fraction of nominal coverage that every run must reach. ``common_noise`` gives run j of every trial the same
-    noise. ``aggregate`` is the median by default, which ranks best where some runs diverge (docs/results.md); ``mean``
-    is the paper's. ``rpe_delta`` is in ``rpe_delta_unit`` and only read by the rpe metrics.
+    ``clean_runs`` is k; ``noisy_runs`` is k_delta, few by default, because the noise is common to all trials and a
+    confirmation follows (docs/bank.md compares other numbers). ``noise_sigma`` is in grey levels (0..255).
+    ``coverage_floor`` is the fraction of nominal coverage that every run must reach. ``common_noise`` gives run j of
+    every trial the same noise. ``aggregate`` is the median by default, which ranks best where some runs diverge
+    (docs/results.md); ``mean`` is the paper's. ``rpe_delta`` is in ``rpe_delta_unit`` and only read by the rpe metrics.
     """
 
     clean_runs: int = Field(default=2, ge=1, le=1000)
-    noisy_runs: int | NoisyRuns = 6
+    noisy_runs: int | NoisyRuns = 3
     noise_sigma: float | Literal["auto"] = "auto"
     metric: Literal["ate", "rpe_translation", "rpe_rotation"] = "ate"
     alignment: Literal["sim3", "se3", "none"] = "sim3"

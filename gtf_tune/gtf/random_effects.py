@@ -89,11 +89,28 @@ def far_from_median(logarithms: FloatArray) -> BoolArray:
     return np.abs(deviations) > limit
 
 
+def clean_runs_apart(tables: Sequence[FloatArray]) -> BoolArray:
+    """Return which clean runs, (k,), fell into another solution under every configuration alike.
+
+    Noisy runs are farther from such a run than from the best clean one by more than `COLLAPSE_FACTOR`, by medians,
+    under each configuration. ``tables`` are (k, k_delta) errors of the configurations under the same seeds.
+    """
+    medians = np.array([[_median(row) for row in table] for table in tables])
+    best = np.fmin.reduce(medians, axis=1, keepdims=True)
+    return np.asarray((medians > COLLAPSE_FACTOR * best).all(axis=0))
+
+
+def _median(values: FloatArray) -> float:
+    known = values[~np.isnan(values)]
+    return float(np.median(known)) if known.size else math.nan
+
+
 def compared_table(a: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return log(error b / error a), (k, n >= 2), of configurations under the same noise, and what is left out, (m,).
 
-    Of the m noise instances that both have, those are left out that failed under one of the configurations or whose
-    ratio lies far from the others', as a reconstruction fell apart. Clean runs that failed as a whole are left out too.
+    Of the m noise instances that both have, those are left out that failed under one of the configurations, whose ratio
+    lies far from the others', as a reconstruction fell apart, or that fell apart under both alike, which says nothing
+    about the choice. Clean runs that failed as a whole are left out too.
 
     Raises
     ------
@@ -103,7 +120,7 @@ def compared_table(a: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]
     logarithms = _log_ratios(a, b)
     failed = np.asarray(np.isnan(logarithms).any(axis=0))
     far = far_from_median(np.where(failed, np.nan, logarithms.sum(axis=0) / max(len(logarithms), 1)))
-    left_out = failed | far
+    left_out = failed | far | _apart_alike(a[:, : len(far)], b[:, : len(far)])
     table = logarithms[:, ~left_out]
     if not len(table) or table.shape[1] < FEWEST_INSTANCES:
         worked = table.shape[1] if len(table) else 0
@@ -112,6 +129,18 @@ def compared_table(a: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]
             f"{worked}; add noisy runs"
         )
     return table, left_out
+
+
+def _apart_alike(a: FloatArray, b: FloatArray) -> BoolArray:
+    """Return which noise instances, (m,), fell apart under both configurations, by the smallest error over clean runs.
+
+    At most half of the instances are: where more seem to, nothing is known of what is usual.
+    """
+    apart = np.ones(a.shape[1], dtype=np.bool_)
+    for table in (a, b):
+        smallest = np.where(np.isnan(table), np.inf, table).min(axis=0, initial=np.inf)
+        apart &= far_above_median(np.where(np.isinf(smallest), np.nan, smallest))
+    return apart
 
 
 def mean_difference(tables: Sequence[FloatArray]) -> tuple[float, Spread]:

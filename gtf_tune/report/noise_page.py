@@ -9,7 +9,8 @@ from gtf_tune.errors import DefinitionError
 from gtf_tune.report.drawing import theme
 from gtf_tune.report.html import PageHead, Section, render_page
 from gtf_tune.report.panels.base import Drawing
-from gtf_tune.study.noise.ladder import Line, NoiseLevel, NoiseScale
+from gtf_tune.study.noise.choice import NoiseLevel
+from gtf_tune.study.noise.ladder import Line, NoiseScale
 from gtf_tune.version import __version__
 
 _TEXT = (

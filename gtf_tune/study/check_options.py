@@ -11,6 +11,7 @@ from gtf_tune.store import studies
 from gtf_tune.store.database import Database
 from gtf_tune.store.studies import stored_definition
 from gtf_tune.study.open_study import make_pipeline, runnable
+from gtf_tune.study.outcome.confirm import looks_at
 from gtf_tune.study.outcome.judge import NOT_BETTER, TOO_LITTLE, Findings, judge
 from gtf_tune.study.outcome.recommendation import recommend, require_trial
 from gtf_tune.study.outcome.verdict import ADOPT, Candidate, Verdict
@@ -18,11 +19,8 @@ from gtf_tune.study.runs.run_source import RunSource
 from gtf_tune.study.systems import Bench, MeasuredSystem, System, chosen_noise, measure_system
 from gtf_tune.study.tune.start import TuneRequest
 
-LOOKS = (4, 6, 10)
-"""Noisy runs of each configuration after which the difference is looked at."""
-
-LEVEL = 0.0221
-"""Level of each of three looks that are wrong in 5 % together (Pocock, Biometrika 64, 1977)."""
+MOST_RUNS = 12
+"""Noisy runs of each configuration that a check takes at most; it looks at them as a confirmation does."""
 
 CheckOutcome = Literal["holds", "does not hold", "no difference"]
 
@@ -90,10 +88,13 @@ def check_options(
         Someone asked to stop; finished runs are stored.
     """
     bench = Bench(gtf, chosen_noise(nominal, sequence, gtf, seed, source), seed, source)
-    for looked in LOOKS:
-        both = [measure_system(one, number, sequence, bench, looked) for number, one in enumerate((nominal, checked))]
-        verdict = judge(Findings(both[0].scores, (both[1].scores,)), gtf, LEVEL)
-        found = OptionCheck(both[0], both[1], verdict, looked, bench.sigma)
+    for look in looks_at(MOST_RUNS):
+        both = [
+            measure_system(one, number, sequence, bench, look.noisy_runs)
+            for number, one in enumerate((nominal, checked))
+        ]
+        verdict = judge(Findings(both[0].scores, (both[1].scores,)), gtf, look.significance)
+        found = OptionCheck(both[0], both[1], verdict, look.noisy_runs, bench.sigma)
         if found.outcome != "no difference":
             break
     return found

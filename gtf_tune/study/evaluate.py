@@ -14,7 +14,7 @@ from gtf_tune.sequence import Sequence
 from gtf_tune.store.database import Database
 from gtf_tune.study.events import Event, RunFinished
 from gtf_tune.study.ground_truth.record import side_metric
-from gtf_tune.study.noise.ladder import NoiseProbe, ObtainRuns, fresh_runs, stored_runs
+from gtf_tune.study.noise.choice import ObtainRuns, choose_noise, fresh_runs, stored_runs
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
 from gtf_tune.study.runs.run_source import RunSource, SequenceRuns, run_limits
 from gtf_tune.study.runs.stop import StopRequest
@@ -91,8 +91,7 @@ def evaluate_configuration(
     order = run_order(gtf.clean_runs, gtf.noisy_runs_max)
     sigma = gtf.noise_sigma
     if isinstance(sigma, str):
-        probe = NoiseProbe(configuration.pipeline, configuration.options, gtf, configuration.seed, whole=False)
-        sigma, reason = probe.choose(sequence, obtain)
+        sigma, reason = choose_noise(sequence, obtain, planner, configuration.options)
         on_run(f"noise of {sequence.name}: {sigma:g} grey levels ({reason})")
     runs = obtain([planner.request(sequence, configuration.options, run, sigma=sigma, number=0) for run in order])
     score = score_sequence(runs, least_floor(len(sequence)), gtf)

@@ -15,7 +15,7 @@ from gtf_tune.pipelines import OptionValue, Pipeline, create_pipeline, with_foca
 from gtf_tune.pipelines.command.places import rooted
 from gtf_tune.sequence import Sequence as ImageSequence
 from gtf_tune.study.ground_truth.record import side_metric
-from gtf_tune.study.noise.ladder import NoiseProbe, stored_runs
+from gtf_tune.study.noise.choice import choose_noise, stored_runs
 from gtf_tune.study.outcome.confirm import measured
 from gtf_tune.study.outcome.contradiction import LEAST_FRAMES
 from gtf_tune.study.outcome.judge import NOT_BETTER, TOO_LITTLE, Findings, Measured, judge
@@ -214,8 +214,14 @@ def chosen_noise(system: System, sequence: ImageSequence, gtf: GtfDefinition, se
     """Return the noise in grey levels: what the definition says, else what suits the sequence under a system."""
     if not isinstance(gtf.noise_sigma, str):
         return gtf.noise_sigma
-    probe = NoiseProbe(system.pipeline, system.options, gtf, seed, whole=False)
-    return probe.choose(with_focal_prior(sequence, system.pipeline), stored_runs(source))[0]
+    planner = RunPlanner(system.pipeline, _common(gtf), SeedSource(seed, PURPOSE), {})
+    sequence = with_focal_prior(sequence, system.pipeline)
+    return choose_noise(sequence, stored_runs(source), planner, system.options)[0]
+
+
+def _common(gtf: GtfDefinition) -> GtfDefinition:
+    """Return the score with the same noise for all systems, whatever a search did."""
+    return gtf.model_copy(update={"common_noise": True})
 
 
 @dataclass(frozen=True)
@@ -233,8 +239,7 @@ def measure_system(
 ) -> MeasuredSystem:
     """Return what a system gives on the clean images and on ``noisy_runs`` noisy copies (default: the definition's)."""
     sequence = with_focal_prior(sequence, system.pipeline)
-    # Systems are compared under the same noise, whatever a search did.
-    gtf = bench.gtf.model_copy(update={"common_noise": True})
+    gtf = _common(bench.gtf)
     planner = RunPlanner(system.pipeline, gtf, SeedSource(bench.seed, PURPOSE), {})
     order = run_order(gtf.clean_runs, noisy_runs or gtf.noisy_runs_max)
     runs = bench.source.obtain(

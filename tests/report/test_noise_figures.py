@@ -6,7 +6,8 @@ import pytest
 from gtf_tune.errors import DefinitionError
 from gtf_tune.report.drawing import theme
 from gtf_tune.report.noise_page import draw_score, draw_squares, write_noise_page
-from gtf_tune.study.noise.ladder import NoiseLevel, NoiseScale, noise_scale
+from gtf_tune.study.noise.choice import NoiseLevel
+from gtf_tune.study.noise.ladder import NoiseScale, noise_scale
 
 RESPONSE = 1e-3
 

@@ -1,10 +1,14 @@
+from concurrent.futures import Future
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from gtf_tune.errors import DefinitionError, SequenceError
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.execution.base import RunLimits
+from gtf_tune.pipelines.run import RunOutcome, RunRequest
 from gtf_tune.store import confirmations, runs, studies, trials
 from gtf_tune.store.database import Database
 from gtf_tune.study.open_study import OpenStudy, open_study
@@ -99,18 +103,79 @@ def test_an_interrupted_confirmation_goes_on_with_the_same_runs(
     room: Path, database: Database, run_study: Runner
 ) -> None:
     run_study(definition_of(room, **GRID))
-    study, plan = _plan(database, top=1, noisy_runs=4)
-    stopping = StopAfter(6)  # as many as nominal has
+    study = open_study(database, "small")
+    (close,) = [one for one in trials.of_study(database, study.record.id) if one.options == {"filter.max_error": 0.008}]
+    plan = plan_confirmation(study, {}, noisy_runs=8, chosen=[close])
+    stopping = StopAfter(12)  # those of the first look, which decides nothing
     source = RunSource(database, InlineExecutor(), RunLimits(60, 2**30), stopping.stop, stopping)
     with pytest.raises(Interrupted):
         confirm(study, plan, source)
     assert not confirmations.of_study(database, study.record.id)
     rest = InlineExecutor()
 
-    _confirm(database, rest, top=1, noisy_runs=4)
+    confirm(study, plan, _source(database, rest, StopRequest()))
 
-    assert len(rest.executed) == 6
-    assert len(_run_keys(database)) == 12
+    assert len(rest.executed) == 8
+    assert len(_run_keys(database)) == 20
+
+
+def test_it_ends_at_the_first_look_that_decides(room: Path, database: Database, run_study: Runner) -> None:
+    run_study(definition_of(room, **GRID))
+    executor = InlineExecutor()
+
+    found = _confirm(database, executor, top=2, noisy_runs=16)
+
+    assert found.word == "adopt"
+    assert found.noisy_runs < 16
+    assert len(executor.executed) == len(_run_keys(database)) < 3 * (2 + 16)
+
+
+def test_a_candidate_that_is_worse_gets_no_runs_after_the_first_look(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    run_study(definition_of(room, **GRID))
+    study = open_study(database, "small")
+    known = trials.of_study(database, study.record.id)
+    chosen = [one for one in known if one.options in ({"filter.max_error": WORSE}, {"filter.max_error": 0.008})]
+    executor = InlineExecutor()
+
+    plan = plan_confirmation(study, {}, noisy_runs=16, chosen=chosen)
+    found = confirm(study, plan, _source(database, executor, StopRequest()))
+
+    worse = next(one for one in found.candidates if one.options == {"filter.max_error": WORSE})
+    assert worse.improvement.value < 0
+    assert worse.improvement.instances == 4 < found.noisy_runs
+    assert sum(one.options == {"filter.max_error": WORSE} for one in executor.executed) == 2 + 4
+
+
+class _AnotherSolution(InlineExecutor):
+    """Let the first clean run fall into another solution whatever the options are."""
+
+    def submit(
+        self, request: RunRequest, limits: RunLimits, known_good: RunRequest | None = None
+    ) -> Future[RunOutcome]:
+        outcome = super().submit(request, limits, known_good).result()
+        if (request.kind, request.index) == ("clean", 0):
+            positions = np.random.default_rng(0).normal(size=outcome.trajectory.positions.shape)
+            outcome = replace(outcome, trajectory=replace(outcome.trajectory, positions=positions))
+        found: Future[RunOutcome] = Future()
+        found.set_result(outcome)
+        return found
+
+
+def test_a_clean_run_of_another_solution_is_set_aside_and_another_is_drawn(
+    room: Path, database: Database, run_study: Runner
+) -> None:
+    run_study(definition_of(room, **GRID))
+    executor = _AnotherSolution()
+
+    found = _confirm(database, executor, top=1, noisy_runs=8)
+
+    assert found.word == "adopt"
+    assert found.set_aside == (
+        "1 of 3 clean runs on room fell into another solution under every configuration alike and was set aside",
+    )
+    assert sorted({one.index for one in executor.executed if one.kind == "clean"}) == [0, 1, 2]
 
 
 def test_candidates_have_different_options_and_beat_nominal(room: Path, database: Database, run_study: Runner) -> None:

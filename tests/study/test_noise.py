@@ -1,4 +1,4 @@
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,12 +16,15 @@ from gtf_tune.store.database import Database
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.evaluate import Configuration, evaluate_configuration
 from gtf_tune.study.events import Event, NoiseChosen, NoiseStarted
-from gtf_tune.study.noise.ladder import DEFAULT_RUNS, LADDER, NoiseProbe, fresh_runs
+from gtf_tune.study.noise.choice import STEPS, choose_noise, fresh_runs
+from gtf_tune.study.noise.ladder import NoiseProbe
 from gtf_tune.study.open_study import open_study
 from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
-from gtf_tune.study.runs.run_source import RunSource, SequenceRuns
+from gtf_tune.study.runs.plan import RunPlanner, SeedSource
+from gtf_tune.study.runs.run_source import RunSource, SequenceRuns, sequence_runs
 from gtf_tune.study.runs.stop import StopRequest
 from gtf_tune.study.work.worker import StudyWorker
+from gtf_tune.trajectory import FloatArray, Trajectory
 from tests.study.conftest import Runner, definition_of, write_sequence
 
 LIMITS = RunLimits(60, 2**30)
@@ -60,7 +63,86 @@ def test_the_floor_compares_clean_runs_with_other_clean_runs() -> None:
     assert 0 < scale.floor.score < scale.levels[0].score / 3
 
 
-def test_auto_noise_is_measured_once_and_stored_with_the_study(
+def _planner(noisy_runs: int = 3, clean_runs: int = 2) -> RunPlanner:
+    gtf = GtfDefinition(clean_runs=clean_runs, noisy_runs=noisy_runs)
+    return RunPlanner(create_pipeline("analytic", STEADY), gtf, SeedSource(0), {})
+
+
+def _placed(positions: FloatArray) -> Trajectory:
+    frames = np.arange(len(positions))
+    return Trajectory(frames, frames.astype(float), positions, np.tile([0.0, 0.0, 0.0, 1.0], (len(positions), 1)))
+
+
+def _responding(clean: float, response: Callable[[float], float]) -> Callable[[Sequence[RunRequest]], SequenceRuns]:
+    """Return a way to obtain runs that move by ``clean`` from seed to seed, and by a response to the noise besides."""
+    ring = np.linspace(0.0, 2 * np.pi, 20, endpoint=False)
+    positions = np.stack([np.cos(ring), np.sin(ring), np.zeros(20)], axis=1)
+
+    def obtain(requests: Sequence[RunRequest]) -> SequenceRuns:
+        found = []
+        for request in requests:
+            size = np.hypot(clean, response(request.noise_sigma) if request.kind == "noisy" else 0.0)
+            moved = positions + size * np.random.default_rng(request.seed).normal(size=positions.shape)
+            found.append((request.kind, _placed(moved), None))
+        return sequence_runs(found, 20)
+
+    return obtain
+
+
+@pytest.mark.parametrize(
+    ("clean", "response", "sigma", "reason"),
+    [
+        (0.0002, lambda sigma: 0.002 * sigma, 0.5, "the weakest noise that shows"),
+        (0.002, lambda sigma: 0.002 * sigma, 2.0, "the weakest noise that shows"),
+        (0.0, lambda sigma: 1e-9, 0.5, "the weakest noise that shows"),
+        (0.002, lambda sigma: 0.0, 0.5, "no noise shows"),
+    ],
+)
+def test_the_weakest_noise_that_shows_is_chosen(
+    clean: float, response: Callable[[float], float], sigma: float, reason: str
+) -> None:
+    found, why = choose_noise(imaginary_sequence(20), _responding(clean, response), _planner(), {})
+
+    assert (found, why.startswith(reason)) == (sigma, True)
+
+
+def test_no_louder_noise_is_tried_where_clean_runs_fell_apart() -> None:
+    obtain = _responding(0.002, lambda sigma: 0.0)
+    asked: list[float] = []
+
+    def one_apart(requests: Sequence[RunRequest]) -> SequenceRuns:
+        asked.extend(request.noise_sigma for request in requests if request.kind == "noisy")
+        runs = obtain(requests)
+        far = _placed(np.random.default_rng(0).normal(size=(20, 3)))
+        return replace(runs, clean=(runs.clean[0], far))
+
+    sigma, why = choose_noise(imaginary_sequence(20), one_apart, _planner(), {})
+
+    assert sigma == 0.5
+    assert "clean runs differ by more than noisy ones" in why
+    assert set(asked) == {0.5}
+
+
+def test_noise_that_breaks_runs_is_not_chosen() -> None:
+    obtain = _responding(0.002, lambda sigma: 0.0)
+
+    def fragile(requests: Sequence[RunRequest]) -> SequenceRuns:
+        runs = obtain(requests)
+        loud = max(request.noise_sigma for request in requests) > 1
+        return replace(runs, noisy=tuple(run.select(np.arange(1)) for run in runs.noisy)) if loud else runs
+
+    assert choose_noise(imaginary_sequence(20), fragile, _planner(), {}) == (1.0, "stronger noise breaks runs")
+
+
+def test_a_single_clean_run_is_joined_by_another_for_the_floor() -> None:
+    executor = InlineExecutor()
+
+    choose_noise(imaginary_sequence(20), fresh_runs(executor, LIMITS), _planner(clean_runs=1), {})
+
+    assert [run.index for run in executor.executed if run.kind == "clean"] == [0, 1]
+
+
+def test_auto_noise_is_chosen_once_by_runs_of_the_nominal_trial(
     room: Path, database: Database, run_study: Runner
 ) -> None:
     first = run_study(definition_of(room, **AUTO))
@@ -68,28 +150,12 @@ def test_auto_noise_is_measured_once_and_stored_with_the_study(
 
     again = run_study({**definition_of(room, **AUTO), "name": "again"})
 
-    assert len(first.executed) > 2 * (2 + 3)
     assert open_study(database, "small").sigmas == {"room": sigma}
+    louder = sum(1 for run in first.executed if run.kind == "noisy" and run.noise_sigma != sigma)
+    gtf = open_study(database, "small").definition.gtf
+    assert len(first.executed) == 2 * (gtf.clean_runs + gtf.noisy_runs_max) + louder
     assert again.executed == []
     assert studies.get(database, "again").resolved["noise_sigma"]["room"] == sigma
-
-
-def test_a_study_climbs_the_ladder_until_the_response_is_no_longer_linear() -> None:
-    executor = InlineExecutor()
-    fresh = fresh_runs(executor, LIMITS)
-
-    def jumping(requests: Sequence[RunRequest]) -> SequenceRuns:
-        """Let noise above 2 grey levels count five times."""
-        return fresh(
-            [replace(one, noise_sigma=one.noise_sigma * (5 if one.noise_sigma > 2 else 1)) for one in requests]
-        )
-
-    probe = NoiseProbe(create_pipeline("analytic", STEADY), {}, GtfDefinition(), runs=6, whole=False)
-    sigma, reason = probe.choose(imaginary_sequence(40), jumping)
-
-    assert sigma <= 2
-    assert "linear range" in reason
-    assert {run.noise_sigma for run in executor.executed if run.kind == "noisy"} == {0.5, 1.0, 2.0, 15.0}
 
 
 def test_a_study_whose_nominal_setting_fails_takes_the_weakest_noise_and_goes_on(
@@ -99,7 +165,7 @@ def test_a_study_whose_nominal_setting_fails_takes_the_weakest_noise_and_goes_on
 
     run_study(definition_of(room, **{**AUTO, "pipeline": {"settings": broken}}))
 
-    assert studies.get(database, "small").resolved["noise_sigma"] == {"room": LADDER[0]}
+    assert studies.get(database, "small").resolved["noise_sigma"] == {"room": STEPS[0]}
     assert [one.feasible for one in trials.of_study(database, studies.get(database, "small").id)] == [False, False]
 
 
@@ -116,7 +182,7 @@ def test_the_choice_of_a_noise_is_told_as_it_goes(room: Path, database: Database
     create_study(database, checked_definition(definition_of(room, **AUTO), "small"), room.parent)
     StudyWorker(open_study(database, "small"), InlineExecutor(), callbacks=[listen]).work()
 
-    assert heard[:3] == [(0.0, 2 + DEFAULT_RUNS), (0.5, DEFAULT_RUNS), (1.0, DEFAULT_RUNS)]
+    assert heard[0] == (0.5, 2 + 3)
     assert heard[-1] == (open_study(database, "small").sigmas["room"], -1)
 
 

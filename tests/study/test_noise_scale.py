@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.study.noise.ladder import NoiseLevel, is_open, noise_scale
+from gtf_tune.study.noise.choice import NoiseLevel
+from gtf_tune.study.noise.ladder import noise_scale
 
 SIGMAS = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
 
@@ -96,17 +97,6 @@ def test_a_ladder_that_breaks_on_its_first_step_recommends_nothing() -> None:
         noise_scale(level(0.0, 1e-4), [level(0.5, math.nan, failed=4)])
 
 
-def test_stronger_noise_is_tried_until_the_linear_range_has_ended() -> None:
-    floor = level(0.0, 1e-4)
-    linear, jump = [level(1.0, 1e-3), level(2.0, 2e-3)], level(3.0, 9e-3)
-
-    assert is_open(floor, [level(0.5, 1e-4)])
-    assert is_open(floor, linear)
-    assert not is_open(floor, [*linear, jump])
-    assert not is_open(floor, [*linear, level(3.0, 3e-3, collapsed=1)])
-    assert noise_scale(floor, [*linear, jump]).recommended == noise_scale(floor, linear).recommended
-
-
 def test_a_floor_of_clean_runs_that_fell_apart_hides_no_noise() -> None:
     levels = [level(0.5, 1.5e-3), level(1.0, 6e-3, 2.7, collapsed=1), level(2.0, 1.9e-3), level(5.0, 3e-3)]
 
@@ -115,7 +105,6 @@ def test_a_floor_of_clean_runs_that_fell_apart_hides_no_noise() -> None:
     assert scale.recommended == 0.5
     assert "most of them fell apart" in scale.reason
     assert scale.floor.score == 0.4
-    assert not is_open(level(0.0, 0.4), levels[:2])
 
 
 def test_noise_that_does_not_show_above_run_to_run_differences_does_not_contradict_them() -> None:

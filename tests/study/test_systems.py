@@ -11,7 +11,7 @@ from gtf_tune.errors import DefinitionError
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.sequence import load_sequence
 from gtf_tune.store.database import Database
-from gtf_tune.study.check_options import LOOKS, OptionCheck, check_options, systems_like, tuned_like
+from gtf_tune.study.check_options import MOST_RUNS, OptionCheck, check_options, systems_like, tuned_like
 from gtf_tune.study.runs.run_source import RunSource, run_limits
 from gtf_tune.study.runs.stop import StopRequest
 from gtf_tune.study.systems import (
@@ -119,9 +119,9 @@ def checked(room: Path, source: RunSource, options: System) -> OptionCheck:
 def test_a_clear_gain_and_a_fault_end_a_check_at_the_first_look(room: Path, source: RunSource) -> None:
     good, lossy = checked(room, source, GOOD), checked(room, source, LOSSY)
 
-    assert (good.outcome, good.noisy_runs) == ("holds", LOOKS[0])
+    assert (good.outcome, good.noisy_runs) == ("holds", 4)
     assert "The options hold here, after 4 noisy runs of each" in good.text
-    assert (lossy.outcome, lossy.noisy_runs) == ("does not hold", LOOKS[0])
+    assert (lossy.outcome, lossy.noisy_runs) == ("does not hold", 4)
     assert "where nominal registers 12" in lossy.text
 
 
@@ -132,7 +132,7 @@ def test_options_that_are_worse_do_not_hold(room: Path, source: RunSource) -> No
 def test_what_cannot_be_told_from_nominal_takes_all_looks(room: Path, source: RunSource) -> None:
     found = checked(room, source, system("same", robust__scale=1.03))
 
-    assert (found.outcome, found.noisy_runs) == ("no difference", LOOKS[-1])
+    assert (found.outcome, found.noisy_runs) == ("no difference", MOST_RUNS)
 
 
 def test_a_study_gives_its_pipeline_noise_and_options_to_a_check_and_a_start_to_another(

@@ -46,7 +46,7 @@ def check(
 ) -> None:
     """Say whether options that were tuned elsewhere hold on these images, with as few runs as that takes.
 
-    Nominal and the options run under the same noise; after 4, 6 and 10 noisy runs of each the difference is looked at,
+    Nominal and the options run under the same noise; after 4, 8 and 12 noisy runs of each the difference is looked at,
     and the first look that decides ends it. With --like the pipeline, its nominal options and the noise are those of a
     study, and so are the options unless others are given.
 

@@ -21,7 +21,8 @@ from gtf_tune.cli.sequence_flags import (
 from gtf_tune.cli.terminal.console import number, permille, say, write_json, write_line, write_table
 
 if TYPE_CHECKING:
-    from gtf_tune.study.noise.ladder import NoiseLevel, NoiseScale
+    from gtf_tune.study.noise.choice import NoiseLevel
+    from gtf_tune.study.noise.ladder import NoiseScale
 
 Sigmas = Annotated[
     str | None, typer.Option("--sigmas", help="Grey levels to try, weakest first (default 0.5,1,2,3,5,8).")
@@ -59,7 +60,8 @@ def noise(
     from gtf_tune.definition import GtfDefinition, LimitsDefinition
     from gtf_tune.pipelines import create_pipeline, with_focal_prior
     from gtf_tune.sequence import FEWEST_FRAMES
-    from gtf_tune.study.noise.ladder import LADDER, NoiseProbe, fresh_runs
+    from gtf_tune.study.noise.choice import fresh_runs
+    from gtf_tune.study.noise.ladder import LADDER, NoiseProbe
     from gtf_tune.study.runs.run_source import run_limits
 
     chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 Top = Annotated[int, typer.Option("--top", min=1, max=1000, help="How many of the best trials, besides nominal.")]
 Runs = Annotated[
-    int, typer.Option("--runs", "-N", min=1, max=1000, help="Fresh noisy runs of each trial and sequence.")
+    int, typer.Option("--runs", "-N", min=1, max=1000, help="Fresh noisy runs of each trial and sequence at most.")
 ]
 Again = Annotated[bool, typer.Option("--again", help="Draw other noise than the latest confirmation did.")]
 
@@ -60,8 +60,8 @@ def confirm(
 ) -> None:
     """Run nominal and the best trials on fresh noise, and say which to adopt.
 
-    An interrupted confirmation continues where it stopped. The same one a second time says the same; with --again it
-    draws other noise.
+    It ends as soon as the outcome is clear. An interrupted confirmation continues where it stopped. The same one a
+    second time says the same; with --again it draws other noise.
 
     Example: gtf-tune study confirm photos --top 3 --runs 16
     """
@@ -115,6 +115,8 @@ def _write(verdict: "Verdict", score: str) -> None:
     for candidate in verdict.candidates:
         for reason in candidate.reasons:
             write_line(f"{candidate.label}: {reason}")
+    for sentence in verdict.set_aside:
+        write_line(f"{sentence}.")
 
 
 def _line(candidate: "Candidate") -> tuple[str, ...]:

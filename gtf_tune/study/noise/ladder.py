@@ -1,4 +1,4 @@
-"""Measure a ladder of noise levels on a sequence, for ``gtf-tune noise`` and for ``noise_sigma = "auto"``."""
+"""Measure a ladder of noise levels on a sequence, for ``gtf-tune noise``."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -8,23 +8,12 @@ import numpy as np
 
 from gtf_tune.definition import GtfDefinition
 from gtf_tune.errors import TrajectoryError
-from gtf_tune.execution import Executor, RunLimits
-from gtf_tune.gtf import gtf_score
 from gtf_tune.pipelines import OptionValue, Pipeline
-from gtf_tune.pipelines.run import RunKind, RunOutcome, RunRequest
+from gtf_tune.pipelines.run import RunKind, RunRequest
 from gtf_tune.sequence import Sequence as ImageSequence
-from gtf_tune.store import studies
-from gtf_tune.study.events import NoiseChosen, NoiseStarted
-from gtf_tune.study.open_study import OpenStudy
+from gtf_tune.study.noise.choice import CONTRADICTION, VISIBLE_FROM, NoiseLevel, ObtainRuns, level_of
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource, run_order
-from gtf_tune.study.runs.run_source import (
-    RunSource,
-    SequenceRuns,
-    failed_key,
-    finished_by_sequence,
-    sequence_runs,
-)
-from gtf_tune.study.scoring.objective import settings_of
+from gtf_tune.study.runs.run_source import SequenceRuns
 from gtf_tune.trajectory import FloatArray
 from gtf_tune.trajectory.alignment import MIN_MATCHED
 
@@ -34,38 +23,10 @@ LADDER = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0)
 LINEAR_WITHIN = 0.3
 """Largest deviation, as a logarithm, of the response per grey level from that of the weaker noise."""
 
-VISIBLE_FROM = 1.5
-"""Times the floor from which on a score says something about noise."""
-
 GOOD_ENOUGH = 0.9
 """Share of the best signal-to-spread ratio that a weaker noise needs to be preferred."""
 
-_CONTRADICTION = 3.0
-"""Times the score of some noise from which on a floor contradicts it: noise adds to what runs differ by."""
-
 _FEWEST_FOR_FIT = 3
-
-
-@dataclass(frozen=True)
-class NoiseLevel:
-    """Runs with noise of one sigma.
-
-    ``score`` is the geometric mean over noise instances, ``spread`` the standard deviation of their logarithms; NaN
-    where runs failed. ``collapsed`` counts runs that fell apart, ``failed`` those without a usable trajectory.
-    """
-
-    sigma: float
-    score: float
-    spread: float
-    runs: int
-    collapsed: int = 0
-    failed: int = 0
-    coverage: float = 1.0
-
-    @property
-    def is_sound(self) -> bool:
-        """Whether every run worked."""
-        return not self.collapsed and not self.failed and math.isfinite(self.score)
 
 
 @dataclass(frozen=True)
@@ -134,17 +95,10 @@ def noise_scale(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseScale:
     )
 
 
-def is_open(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> bool:
-    """Return True if stronger noise may change the recommendation: the linear range has not begun or not ended."""
-    base = _believed(floor, levels)
-    linear = _linear_range(levels, [_response(level, base) for level in levels])
-    return not any(linear) or linear[-1]
-
-
 def _believed(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseLevel:
     """Return the floor, without its score where that contradicts those of the levels."""
     least = min((level.score for level in levels if level.is_sound), default=math.inf)
-    return replace(floor, score=math.nan) if floor.score > _CONTRADICTION * least else floor
+    return replace(floor, score=math.nan) if floor.score > CONTRADICTION * least else floor
 
 
 def _signal(level: NoiseLevel, floor: NoiseLevel) -> float:
@@ -215,16 +169,12 @@ def _fit(x: FloatArray, y: FloatArray) -> Line:
 DEFAULT_RUNS = 4
 PURPOSE = "noise"
 
-ObtainRuns = Callable[[Sequence[RunRequest]], SequenceRuns]
-"""Return the runs of one sequence, given their requests."""
-
 
 @dataclass(frozen=True)
 class NoiseProbe:
     """What is measured: nominal options (and fixed ones) of a pipeline, ``runs`` noisy runs on each level.
 
-    All levels see the same noise patterns, scaled, so that their scores differ by sigma only. Unless ``whole``, the
-    ladder ends where stronger noise cannot change the recommendation.
+    All levels see the same noise patterns, scaled, so that their scores differ by sigma only.
     """
 
     pipeline: Pipeline
@@ -233,7 +183,6 @@ class NoiseProbe:
     seed: int = 0
     runs: int = DEFAULT_RUNS
     ladder: tuple[float, ...] = LADDER
-    whole: bool = True
 
     def measure(
         self,
@@ -252,50 +201,21 @@ class NoiseProbe:
         found = obtain(self._requests(sequence, run_order(k + self.runs, 0), 0.0))
         _require_any(found, sequence)
         clean = found.clean[:k]
-        floor = self._level(0.0, replace(found, clean=clean, noisy=found.clean[k:]))
+        floor = level_of(0.0, replace(found, clean=clean, noisy=found.clean[k:]), self.gtf)
         on_level(floor)
         levels: list[NoiseLevel] = []
         for sigma in self.ladder:
             noisy = obtain(self._requests(sequence, run_order(0, self.runs), sigma))
-            levels.append(self._level(sigma, replace(noisy, clean=clean)))
+            levels.append(level_of(sigma, replace(noisy, clean=clean), self.gtf))
             on_level(levels[-1])
-            if levels[-1].failed or not (self.whole or is_open(floor, levels)):
+            if levels[-1].failed:
                 break
         return noise_scale(floor, levels)
-
-    def choose(self, sequence: ImageSequence, obtain: ObtainRuns) -> tuple[float, str]:
-        """Return the recommended sigma and the reason for it.
-
-        It is the weakest of the ladder where these options fail, or every noise breaks runs: others may still work.
-        """
-        try:
-            scale = self.measure(sequence, obtain)
-        except TrajectoryError as error:
-            return min(self.ladder), str(error)
-        return scale.recommended, scale.reason
 
     def _requests(self, sequence: ImageSequence, runs: Sequence[tuple[RunKind, int]], sigma: float) -> list[RunRequest]:
         common = self.gtf.model_copy(update={"common_noise": True})
         planner = RunPlanner(self.pipeline, common, SeedSource(self.seed, PURPOSE), self.options)
         return [planner.request(sequence, {}, run, sigma=sigma, number=0) for run in runs]
-
-    def _level(self, sigma: float, runs: SequenceRuns) -> NoiseLevel:
-        # Instances are compared with each other here, and a geometric mean does not let one of them decide.
-        settings = replace(settings_of(self.gtf), aggregate="gmean")
-        score = gtf_score(runs.clean, runs.noisy, settings, num_frames=runs.num_frames)
-        values = score.instance_values
-        floor = self.gtf.coverage_floor * float(score.coverage_clean.min())
-        failed = np.isnan(values) | (score.coverage_noisy < floor)
-        known = values[~failed & (values > 0)]
-        return NoiseLevel(
-            sigma=sigma,
-            score=score.value,
-            spread=float(np.log(known).std(ddof=1)) if len(known) > 1 else math.nan,
-            runs=len(runs.noisy),
-            collapsed=int(score.collapsed.sum()),
-            failed=int(failed.sum()),
-            coverage=float(score.coverage_noisy.min()),
-        )
 
 
 def _require_any(runs: SequenceRuns, sequence: ImageSequence) -> None:
@@ -308,64 +228,3 @@ def _require_any(runs: SequenceRuns, sequence: ImageSequence) -> None:
     raise TrajectoryError(
         f"every run on {sequence.name} fails without noise already, so none can be recommended; the first one: {reason}"
     )
-
-
-def stored_runs(source: RunSource) -> ObtainRuns:
-    """Return a way to obtain runs that reuses and stores them."""
-
-    def obtain(requests: Sequence[RunRequest]) -> SequenceRuns:
-        sequence = requests[0].sequence
-        source.on_event(NoiseStarted(sequence.name, requests[0].noise_sigma, len(requests)))
-        return finished_by_sequence(source.obtain(requests))[sequence.name]
-
-    return obtain
-
-
-def fresh_runs(
-    executor: Executor,
-    limits: RunLimits,
-    on_run: Callable[[RunRequest, RunOutcome], None] = lambda request, outcome: None,
-) -> ObtainRuns:
-    """Return a way to obtain runs that stores nothing; ``on_run`` gets each run as it ends."""
-
-    def obtain(requests: Sequence[RunRequest]) -> SequenceRuns:
-        found = []
-        for request, future in [(request, executor.submit(request, limits)) for request in requests]:
-            outcome = future.result()
-            outcome.raise_for_machine()
-            on_run(request, outcome)
-            found.append((request.kind, outcome.trajectory, outcome.error))
-        return sequence_runs(found, len(requests[0].sequence))
-
-    return obtain
-
-
-def with_noise(study: OpenStudy, sequences: Mapping[str, ImageSequence], source: RunSource) -> OpenStudy:
-    """Return the study with a sigma for each of these sequences, measured and stored where ``auto`` has none yet.
-
-    The worker that has trial 0 measures, while the others wait for that trial. Runs are stored as they end, so an
-    interrupted measurement goes on where it stopped.
-
-    Raises
-    ------
-    Interrupted
-        Someone asked to stop.
-    """
-    if not set(sequences) - set(study.sigmas):
-        return study
-    stored = studies.get(study.database, study.definition.name).resolved["noise_sigma"]
-    missing = {name: sequence for name, sequence in sequences.items() if name not in stored}
-    definition = study.definition
-    nominal = {**definition.fixed_options, **study.space.nominal}
-    probe = NoiseProbe(study.pipeline, nominal, definition.gtf, definition.search.seed, whole=False)
-    measured = {}
-
-    def obtain(requests: Sequence[RunRequest]) -> SequenceRuns:
-        keys = [key for request in requests for key in (request.key, failed_key(request, source.limits))]
-        studies.note_noise_runs(study.database, study.record.id, keys)
-        return stored_runs(source)(requests)
-
-    for name, sequence in missing.items():
-        measured[name], reason = probe.choose(sequence, obtain)
-        source.on_event(NoiseChosen(name, measured[name], reason))
-    return replace(study, sigmas=studies.resolve_noise(study.database, study.record.id, measured))

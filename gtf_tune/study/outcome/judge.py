@@ -104,7 +104,8 @@ class _Compared:
 def judge(findings: Findings, gtf: GtfDefinition, significance: float = SIGNIFICANCE) -> Verdict:
     """Return the verdict, with each candidate's improvement, its interval, and what speaks against adopting it.
 
-    ``significance`` is the p value below which a difference counts.
+    ``significance`` is the p value below which a difference counts, at this look at the runs; intervals have the
+    confidence that belongs to it, so that those of all looks together hold in 95 %.
     """
     nominal = findings.nominal
     if nominal is None:
@@ -153,8 +154,8 @@ def _compare(
     holdouts = findings.holdouts
     searched = [name for name in nominal.scores if name not in holdouts]
     pairs = {name: (score, candidate.scores[name]) for name, score in nominal.scores.items()}
-    by_sequence = {name: _difference([pair]) for name, pair in pairs.items()}
-    together = _difference([pairs[name] for name in searched])
+    by_sequence = {name: _difference([pair], significance) for name, pair in pairs.items()}
+    together = _difference([pairs[name] for name in searched], significance)
     faults = []
     for name, (of_nominal, of_candidate) in pairs.items():
         found = _lost_frames(name, of_nominal, of_candidate, gtf.coverage_floor, findings.rules)
@@ -172,9 +173,9 @@ def _contradictions(name: str, nominal: Measured, candidate: Measured) -> tuple[
     return contradictions(nominal.clean.get(name, ()), candidate.clean.get(name, ()), sum(one or 0.0 for one in moved))
 
 
-def _difference(pairs: Sequence[tuple[GtfScore, GtfScore]]) -> PairedDifference | None:
+def _difference(pairs: Sequence[tuple[GtfScore, GtfScore]], significance: float) -> PairedDifference | None:
     try:
-        return difference_over_sequences(pairs)
+        return difference_over_sequences(pairs, 1 - significance)
     except TrajectoryError:
         return None
 

@@ -168,9 +168,11 @@ class Verdict:
     nominal
         What nominal was measured at; None where there was no candidate to compare with.
     noisy_runs
-        Fresh noisy runs of each configuration on each sequence; 0 where it was not stored.
+        Fresh noisy runs on each sequence, of nominal and of what was not dropped before; 0 where it was not stored.
     doubts
         Why the score says little, by nominal's fresh runs; None where nobody looked (an earlier version, no runs).
+    set_aside
+        Which clean runs were set aside, one sentence for each sequence.
     """
 
     word: VerdictWord
@@ -179,6 +181,7 @@ class Verdict:
     nominal: MeasuredNominal | None
     noisy_runs: int = 0
     doubts: tuple[str, ...] | None = None
+    set_aside: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the stored form, which `study confirm --json` prints."""
@@ -189,6 +192,7 @@ class Verdict:
             "nominal": self.nominal.as_json() if self.nominal else None,
             "runs": self.noisy_runs,
             **({} if self.doubts is None else {"doubts": list(self.doubts)}),
+            **({"set_aside": list(self.set_aside)} if self.set_aside else {}),
         }
 
     @classmethod
@@ -202,6 +206,7 @@ class Verdict:
             nominal=MeasuredNominal.from_json(nominal) if nominal else None,
             noisy_runs=int(stored.get("runs") or 0),
             doubts=tuple(stored["doubts"]) if "doubts" in stored else None,
+            set_aside=tuple(stored.get("set_aside") or ()),
         )
 
     @property

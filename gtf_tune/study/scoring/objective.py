@@ -302,6 +302,9 @@ def _combine(by_sequence: Mapping[str, SequenceScore], nominal: Mapping[str, flo
     return float(np.exp(np.mean([math.log(ratio) for ratio in ratios])))
 
 
+_FORMER_NOISY_RUNS = 6
+"""What the definition left unsaid when digests were first stored."""
+
 _SCORED_BY = ("pipeline", "sequences", "gtf")
 
 
@@ -311,7 +314,12 @@ def made_by(study: Study) -> dict[str, str | int]:
     ``definition`` is a digest of the sections that say how trials are scored; the others may change.
     """
     # Without defaults: definitions that are written by later versions say more of them.
-    sections = stored_definition(study).model_dump(mode="json", include=set(_SCORED_BY), exclude_defaults=True)
+    definition = stored_definition(study)
+    sections = definition.model_dump(mode="json", include=set(_SCORED_BY), exclude_defaults=True)
+    gtf = {**sections.pop("gtf", {}), "noisy_runs": definition.model_dump(mode="json")["gtf"]["noisy_runs"]}
+    if gtf["noisy_runs"] == _FORMER_NOISY_RUNS:
+        del gtf["noisy_runs"]
+    sections |= {"gtf": gtf} if gtf else {}
     return {
         "gtf_tune": __version__,
         "optuna": version("optuna"),

@@ -24,7 +24,7 @@ from gtf_tune.store.trial_queue import TrialLease, TrialResult
 from gtf_tune.store.trials import MADE_BY_KEY
 from gtf_tune.study.events import Callback, TrialFinished, TrialSetAside, TrialStarted
 from gtf_tune.study.ground_truth.record import record_side_metric
-from gtf_tune.study.noise.ladder import with_noise
+from gtf_tune.study.noise.choice import with_noise
 from gtf_tune.study.open_study import OpenStudy
 from gtf_tune.study.outcome.improvement import (
     UNKNOWN_IMPROVEMENT,
