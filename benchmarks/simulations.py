@@ -41,11 +41,11 @@ test stand beside it.
 _POWER = """
 ## How often a confirmation adopts
 
-Share of confirmations that adopt a configuration whose error is smaller by "effect", for N noisy runs; with effect 0
-that is a false adoption. With three candidates all have the same effect. "as found": 56 % of the variance of noise instances is
-common to both; "paired tightly": 81 %. A confirmation ends as soon as its outcome is clear: "runs of 16" are the noisy
-runs that one of at most 16 takes in the mean. Where runs collapse by chance, the rule that a pick must not collapse
-more often than nominal costs power: that is its price.
+Share of confirmations that adopt a configuration whose error is smaller by "effect", for N noisy runs at most; with
+effect 0 that is a false adoption. With three candidates all have the same effect. "as found": 56 % of the variance of
+noise instances is common to both; "paired tightly": 81 %. A confirmation ends as soon as its outcome is clear: "runs of
+16" are the noisy runs that one of at most 16 takes in the mean. Where runs collapse by chance, the rule that a pick
+must not collapse more often than nominal costs power: that is its price.
 """
 
 

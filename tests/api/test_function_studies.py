@@ -147,7 +147,7 @@ def test_ctrl_c_ends_the_program_and_keeps_what_is_finished(folder: Path, here: 
 
     assert [trial.state for trial in study.run().trials] == ["complete"] * 2
     runs = [request.key for executor in here for request in executor.executed]
-    assert len(set(runs)) == len(runs) == 2 * 3
+    assert len(set(runs)) == len(runs) == 2 * 6
 
 
 def test_a_configuration_of_a_function_is_evaluated(folder: Path, here: list[InlineExecutor]) -> None:
