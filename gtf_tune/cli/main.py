@@ -214,7 +214,7 @@ COMMANDS = {
     ),
     "demo": Entry(
         "Start",
-        "Render a room, tune one GLOMAP option on it without ground truth, and check the outcome against the truth.",
+        "Render a room, tune GLOMAP on it for three minutes without ground truth, and check the outcome against it.",
         "demo:demo",
     ),
     "study": Entry("Studies", "Create, run and read studies.", commands=_STUDY),

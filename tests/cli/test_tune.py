@@ -62,6 +62,17 @@ def test_calling_tune_again_goes_on_and_new_begins_another_study(cli: Cli, slam:
     assert {line.split()[0] for line in cli("study", "list").out.splitlines()[1:]} == {"slam", "slam-2"}
 
 
+def test_too_few_minutes_for_all_first_configurations_are_no_error(cli: Cli, slam: Path) -> None:
+    first = "".join(f'\n[[search.first]]\n"filter.max_error" = {0.002 * number}\n' for number in range(1, 8))
+    slam.write_text(DEFINITION + first)
+
+    done = cli("tune", "slam.toml", "--minutes", "0.1", "--jobs", "1")
+
+    assert done.code == 0, done.err
+    assert "no time to confirm" in done.err
+    assert "NOMINAL options." in slam.with_name("slam-tuned").joinpath("README.txt").read_text()
+
+
 def test_a_folder_that_tune_did_not_make_is_not_replaced(cli: Cli, slam: Path) -> None:
     precious = slam.with_name("slam-tuned")
     precious.mkdir()

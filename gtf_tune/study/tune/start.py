@@ -132,7 +132,8 @@ def begin_tuning(database: Database, request: TuneRequest, means: Beginning) -> 
         )
     measured = estimate.measured(plan.reduction)
     plan = replace(budget, seconds=means.left_s()).plan_at(full, measured, plan.reduction)
-    searched = definition.search.model_copy(update={"trials": plan.trials - len(first)})
+    # The first configurations are queued in any case; where there is no time for all of them the clock ends the search.
+    searched = definition.search.model_copy(update={"trials": max(plan.trials - len(first), 1)})
     stored = {"minutes": request.minutes, "plan": asdict(plan), "whole": estimate.whole_given, "models": models}
     study = create_study(
         database,
