@@ -15,7 +15,7 @@ from sqlite3 import (
 )
 
 from sqlalchemy.engine import URL
-from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
+from sqlalchemy.exc import DBAPIError, OperationalError, PendingRollbackError, SQLAlchemyError
 
 from gtf_tune.errors import StorageError, UnreachableError
 from gtf_tune.store.database.engine import display_url, without_passwords
@@ -53,8 +53,11 @@ def is_transient(error: SQLAlchemyError) -> bool:
     """Return True if the same unit of work may succeed when it is done again.
 
     So it may after a lock, a dropped connection or a deadlock, and after another process inserted the same unique row:
-    the unit then finds that row.
+    the unit then finds that row. Optuna goes on in the session whose connection was dropped, where SQLAlchemy then refuses
+    every request.
     """
+    if isinstance(error, PendingRollbackError):
+        return True
     if not isinstance(error, DBAPIError):
         return False
     if isinstance(error.orig, sqlite3.Error):
@@ -102,7 +105,7 @@ def storage_error(error: SQLAlchemyError, url: URL) -> StorageError:
             f"{shown} refuses the user, the password or the name of the database: {said}; correct the URL or the place "
             "that holds the password (PGPASSWORD, ~/.pgpass)"
         )
-    if isinstance(error, DBAPIError) and not isinstance(cause, sqlite3.Error) and is_transient(error):
+    if not isinstance(cause, sqlite3.Error) and is_transient(error):
         return UnreachableError(
             f"no connection to {shown}: {said}; check that the server runs and that you may connect"
         )
