@@ -53,7 +53,7 @@ def is_transient(error: SQLAlchemyError) -> bool:
     """Return True if the same unit of work may succeed when it is done again.
 
     So it may after a lock, a dropped connection or a deadlock, and after another process inserted the same unique row:
-    the unit then finds that row. Optuna goes on in the session whose connection was dropped, where SQLAlchemy then refuses
+    the unit then finds that row. Optuna may go on in a session whose connection was dropped; SQLAlchemy then refuses
     every request.
     """
     if isinstance(error, PendingRollbackError):
