@@ -5,9 +5,10 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 JOBS ?= 2
 NEWEST ?= >=3.12
+SYSTEMS ?= /tmp/gtf-tune-systems
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-lowest test-newest check bench experiments paper soak format lock clean
+.PHONY: help setup demo test test-lowest test-newest test-systems check bench experiments paper soak format lock clean
 
 help: ## Show this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk 'BEGIN {FS = ":.*## "} {printf "  make %-12s %s\n", $$1, $$2}'
@@ -41,6 +42,17 @@ test-newest: setup ## Run the tests on the newest Python of this machine, with t
 	$(BIN)/uv pip install --quiet --python $(VENV)-newest/bin/python -e '.[dev,postgres,dask,heic,png]'
 	$(VENV)-newest/bin/python --version
 	$(VENV)-newest/bin/python -m pytest -n $(JOBS)
+
+test-systems: setup ## Install the real systems of examples/systems into environments of their own, and run them
+	@for system in examples/systems/*/; do \
+	  name=$$(basename $$system); \
+	  test -x $(SYSTEMS)/$$name/bin/python || $(PYTHON) -m venv $(SYSTEMS)/$$name || exit 1; \
+	  $(SYSTEMS)/$$name/bin/python -m pip install --quiet --disable-pip-version-check -r $$system/requirements.txt || exit 1; \
+	  test -e tests/systems/test_$$name.py || { echo "no test runs $$name"; exit 1; }; \
+	done
+	GTF_TUNE_SYSTEMS=$(abspath $(SYSTEMS)) $(BIN)/python -m pytest -n 0 -v -rs tests/systems > $(SYSTEMS)/test.log 2>&1; \
+	  status=$$?; cat $(SYSTEMS)/test.log; exit $$status
+	@! grep -q SKIPPED $(SYSTEMS)/test.log || { echo 'a system was skipped'; exit 1; }
 
 check: setup ## Lint, type-check, check layers and file sizes, build the documentation
 	$(BIN)/ruff check .

@@ -13,10 +13,13 @@ from gtf_tune.cli.values import parse_pairs
 def list_pipelines(json: Json = False) -> None:
     """List the pipelines that can be tuned here.
 
+    The presets of `command` follow, each with how it was tried.
+
     Example: gtf-tune pipeline list
     """
     from gtf_tune.errors import GtfTuneError
     from gtf_tune.pipelines import create_pipeline, pipeline_names
+    from gtf_tune.pipelines.command import how_tried, preset_names
 
     rows = []
     for name in pipeline_names():
@@ -26,6 +29,7 @@ def list_pipelines(json: Json = False) -> None:
             rows.append((name, "", str(error)))
             continue
         rows.append((name, pipeline.version, f"{len(pipeline.options.specs)} options"))
+    rows += [(f"command, preset={name}", "", how_tried(name)) for name in preset_names()]
     if json:
         write_json([{"name": name, "version": version, "detail": detail} for name, version, detail in rows])
         return

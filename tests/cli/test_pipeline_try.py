@@ -1,11 +1,13 @@
 """A pipeline is run once, and everything that it does can be seen afterwards."""
 
+import json
 import sys
 from pathlib import Path
 
 from tests.cli.conftest import Cli
 
 PROGRAM = """
+import json
 import sys
 out, images, shift = sys.argv[1], open(sys.argv[2]).read().split(), float(sys.argv[3])
 print("saw", len(images), "images")
@@ -54,6 +56,21 @@ def test_a_run_that_fails_says_why_and_where_its_files_are(cli: Cli, room: Path,
     assert "Traceback" not in said.err
 
 
+def test_a_study_is_tried_with_the_options_that_it_fixes_and_paths_from_its_own_folder(
+    cli: Cli, room: Path, tmp_path: Path
+) -> None:
+    write_definition(tmp_path)
+    (tmp_path / "studies").mkdir()
+    (tmp_path / "studies" / "a.toml").write_text(
+        'name = "a"\n[pipeline]\nname = "command"\nsettings = {definition = "../slam.toml"}\noptions = {shift = 3.0}\n'
+    )
+
+    said = cli("pipeline", "try", "studies/a.toml", "-s", str(room), "--keep", "kept")
+
+    assert said.code == 0, said.err
+    assert "{option:shift} = 3.0" in said.err
+
+
 def test_the_pipeline_of_a_study_can_be_tried(cli: Cli, room: Path, tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text('name = "a"\n[pipeline]\nname = "analytic"\n')
 
@@ -71,3 +88,11 @@ def test_files_that_are_there_are_not_mixed_with_those_of_the_run(cli: Cli, room
 
     assert said.code != 0
     assert "not empty; give a new one" in said.err
+
+
+def test_the_list_of_pipelines_says_how_each_preset_was_tried(cli: Cli) -> None:
+    said = cli("pipeline", "list", "--json")
+
+    details = {row["name"]: row["detail"] for row in json.loads(said.out)}
+    assert details["command, preset=colmap-3.8"] == "run here"
+    assert "never run" in details["command, preset=dso"]

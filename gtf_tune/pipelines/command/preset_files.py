@@ -7,12 +7,18 @@ from typing import Any
 from gtf_tune.errors import DefinitionError, did_you_mean
 
 _SUFFIX = ".toml"
+_RUN_HERE = ("colmap-3.8",)
 
 
 def preset_names() -> tuple[str, ...]:
     """Return the names of all presets, sorted."""
     folder = files("gtf_tune.pipelines.command") / "presets"
     return tuple(sorted(file.name.removesuffix(_SUFFIX) for file in folder.iterdir() if file.name.endswith(_SUFFIX)))
+
+
+def how_tried(name: str) -> str:
+    """Return how a preset was tried: with its program, or against the sources of its program only."""
+    return "run here" if name in _RUN_HERE else "checked against the program's sources, never run"
 
 
 def load_preset(name: str) -> dict[str, Any]:
