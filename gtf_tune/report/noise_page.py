@@ -9,19 +9,23 @@ from gtf_tune.errors import DefinitionError
 from gtf_tune.report.drawing import theme
 from gtf_tune.report.html import PageHead, Section, render_page
 from gtf_tune.report.panels.base import Drawing
+from gtf_tune.study.ground_truth.linearity import TrueErrors
 from gtf_tune.study.noise.choice import NoiseLevel
 from gtf_tune.study.noise.ladder import Line, NoiseScale
 from gtf_tune.version import __version__
 
 _TEXT = (
     "Left: the score over the noise; the shaded range is linear, the dashed line is the recommended noise, red levels "
-    "have runs that collapsed or failed. Right: squares, which add up for independent causes, in the linear range."
+    "have runs that collapsed or failed. Right: squares, which add up for independent causes, in the linear range. "
+    "Where there is ground truth: the true error, with the line through its first values."
 )
 _PERMILLE = 1000.0
 
 
-def write_noise_page(path: Path, scale: NoiseScale, sequence: str, pipeline: str) -> None:
-    """Write the figures of a noise scale to a file that works offline.
+def write_noise_page(
+    path: Path, scale: NoiseScale, sequence: str, pipeline: str, truth: TrueErrors | None = None
+) -> None:
+    """Write the figures of a noise scale to a file that works offline, with the true errors where they are known.
 
     Raises
     ------
@@ -33,6 +37,8 @@ def write_noise_page(path: Path, scale: NoiseScale, sequence: str, pipeline: str
         Drawing("noise-score", "Score over sigma", draw_score(scale)),
         Drawing("noise-squares", "Score² over sigma²", draw_squares(scale)),
     ]
+    if truth is not None:
+        drawings.append(Drawing("noise-truth", "True ATE over sigma", draw_truth(truth)))
     page = render_page(
         PageHead("Noise level", sequence, facts, __version__), [Section("noise", "Linearity", _TEXT, drawings)]
     )
@@ -65,6 +71,19 @@ def draw_squares(scale: NoiseScale) -> go.Figure:
     figure.add_trace(_fitted(scale.square_line, max(level.sigma for level in levels) ** 2, _PERMILLE**2))
     figure.update_xaxes(**theme.axis("sigma² [grey levels²]", rangemode="tozero"))
     figure.update_yaxes(**theme.axis("GTF ATE² [‰²]", rangemode="tozero"))
+    return figure
+
+
+def draw_truth(truth: TrueErrors) -> go.Figure:
+    """Draw the true error against sigma with the line through its first values (the paper's figure on linearity)."""
+    figure = theme.figure()
+    errors = [error if math.isfinite(error) else None for error in truth.errors]
+    marker = {"color": theme.GROUND_TRUTH, "size": 9}
+    figure.add_scatter(x=truth.sigmas, y=errors, mode="markers", name="true ATE", marker=marker)
+    line = _fitted(truth.line, max(truth.sigmas), 1.0)
+    figure.add_trace(line.update(name="first values" + line.name.removeprefix("linear range"), line_dash="dash"))
+    figure.update_xaxes(**theme.axis("sigma [grey levels]", rangemode="tozero"))
+    figure.update_yaxes(**theme.axis("true ATE [unit of the ground truth]", rangemode="tozero"))
     return figure
 
 

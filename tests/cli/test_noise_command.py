@@ -16,6 +16,9 @@ def test_noise_as_json_holds_every_level(cli: Cli, room: Path) -> None:
     found = json.loads(cli("noise", "room", "-p", "analytic", "--sigmas", "2,4", "--jobs", "1", "--json").out)
 
     assert [level["sigma"] for level in found["levels"]] == [2.0, 4.0]
+    assert found["true_errors"]["sigmas"] == [0.0, 2.0, 4.0]
+    assert sorted(found["true_errors"]["errors"]) == found["true_errors"]["errors"]
+    assert found["true_errors"]["line"]["slope"] > 0
     assert found["recommended"] in (2.0, 4.0)
 
 

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +22,7 @@ from gtf_tune.cli.sequence_flags import (
 from gtf_tune.cli.terminal.console import number, permille, say, write_json, write_line, write_table
 
 if TYPE_CHECKING:
+    from gtf_tune.study.ground_truth.linearity import TrueErrors
     from gtf_tune.study.noise.choice import NoiseLevel
     from gtf_tune.study.noise.ladder import NoiseScale
 
@@ -52,7 +54,8 @@ def noise(
     """Measure how the score grows with the noise, and recommend a noise in the linear range; nothing is stored.
 
     Level 0 is clean runs against clean runs with other seeds: what runs differ by without any noise. "signal" is the
-    part of the score that noise causes, over the standard deviation from run to run.
+    part of the score that noise causes, over the standard deviation from run to run. Where there is ground truth, the
+    true error over the noise is shown as well, with the line through its first values.
 
     Example: gtf-tune noise images/ --runs 6 --figure noise.html
     """
@@ -60,9 +63,10 @@ def noise(
     from gtf_tune.definition import GtfDefinition, LimitsDefinition
     from gtf_tune.pipelines import create_pipeline, with_focal_prior
     from gtf_tune.sequence import FEWEST_FRAMES
+    from gtf_tune.study.ground_truth.linearity import recorded, true_errors
     from gtf_tune.study.noise.choice import fresh_runs
     from gtf_tune.study.noise.ladder import LADDER, NoiseProbe
-    from gtf_tune.study.runs.run_source import run_limits
+    from gtf_tune.study.runs.run_source import SequenceRuns, run_limits
 
     chosen = create_pipeline(pipeline, parse_pairs(setting, "--setting"))
     given = parse_pairs(option, "--option")
@@ -71,16 +75,19 @@ def noise(
     probe = NoiseProbe(chosen, chosen.options.check(given), gtf, seed, runs, ladder)
     selection = parse_selection(frames, exclude, recursive, cameras)
     loaded = with_focal_prior(load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES), chosen)
+    seen: list[SequenceRuns] = []
     with make_executor(jobs or default_jobs(), cache_dir, no_cache=no_cache) as executor:
-        found = probe.measure(loaded, fresh_runs(executor, run_limits(LimitsDefinition())), _say_level)
+        obtain = recorded(fresh_runs(executor, run_limits(LimitsDefinition())), seen)
+        found = probe.measure(loaded, obtain, _say_level)
+    truth = true_errors(found, seen, loaded.ground_truth) if loaded.ground_truth else None
     if json:
-        write_json(_as_json(found))
+        write_json({**_as_json(found), **({"true_errors": asdict(truth)} if truth else {})})
     else:
-        _write(found)
+        _write(found, truth)
     if figure:  # last: what was measured is told also where the file cannot be written
         from gtf_tune.report.noise_page import write_noise_page
 
-        write_noise_page(figure, found, loaded.name, pipeline)
+        write_noise_page(figure, found, loaded.name, pipeline, truth)
         say(f"wrote {figure}")
 
 
@@ -102,7 +109,7 @@ def _say_level(level: "NoiseLevel") -> None:
     say(f"sigma {level.sigma:g}: {permille(level.score)} per mille of the extent{faults}")
 
 
-def _write(found: "NoiseScale") -> None:
+def _write(found: "NoiseScale", truth: "TrueErrors | None") -> None:
     rows = [_row(found.floor, math.nan, math.nan, "floor")]
     for level, response, ratio, inside in zip(found.levels, found.responses, found.ratios, found.linear, strict=True):
         mark = "recommended" if level.sigma == found.recommended else "linear" if inside else ""
@@ -110,6 +117,10 @@ def _write(found: "NoiseScale") -> None:
     write_table([">sigma", ">score [‰]", ">spread", ">[‰]/grey", ">signal", ">collapsed", ">failed", ""], rows)
     for name, line, unit in (("score", found.score_line, "sigma"), ("score^2", found.square_line, "sigma^2")):
         write_line(f"{name} over {unit} in the linear range: R2 {number(line.r_squared)}")
+    if truth is not None:
+        ends = f"{number(truth.errors[0])} without noise, {number(truth.errors[-1])} at sigma {truth.sigmas[-1]:g}"
+        write_line(f"true ATE: {ends}")
+        write_line(f"true ATE over sigma, first values: R2 {number(truth.line.r_squared)}")
     write_line(f"recommended noise: sigma {found.recommended:g} grey levels")
     say(found.reason)
 

@@ -88,8 +88,8 @@ def noise_scale(floor: NoiseLevel, levels: Sequence[NoiseLevel]) -> NoiseScale:
         responses=tuple(responses),
         ratios=tuple(ratios),
         linear=tuple(linear),
-        score_line=_fit(known[:, 0], known[:, 1]),
-        square_line=_fit(known[:, 0] ** 2, known[:, 1] ** 2),
+        score_line=fit_line(known[:, 0], known[:, 1]),
+        square_line=fit_line(known[:, 0] ** 2, known[:, 1] ** 2),
         recommended=chosen.sigma,
         reason=reason,
     )
@@ -156,7 +156,8 @@ def _recommend(levels: Sequence[NoiseLevel], ratios: Sequence[float], linear: Se
     )
 
 
-def _fit(x: FloatArray, y: FloatArray) -> Line:
+def fit_line(x: FloatArray, y: FloatArray) -> Line:
+    """Return the least-squares line through points, (n,) each; NaN where fewer than two differ in x."""
     if len(x) < 2 or float(np.ptp(x)) == 0:
         return Line(math.nan, math.nan, math.nan)
     slope, intercept = np.polyfit(x, y, 1)
