@@ -63,6 +63,7 @@ class Estimate:
     _guessed: dict[Reduction, RunPrice] = field(default_factory=dict)
     _clean: dict[Reduction, Trajectory] = field(default_factory=dict)
     _model: Trajectory | None = None
+    of_model: Reduction = REDUCTIONS[0]
 
     @cached_property
     def whole(self) -> Sequence:
@@ -127,9 +128,13 @@ class Estimate:
 
     def misleads(self, reduction: Reduction) -> bool:
         """Whether nominal gives another trajectory on these images than in its model: no search can use them then."""
-        self.measured(reduction)
-        if self._model is None or reduction == Reduction():
+        if self._model is None or reduction == self.of_model:
             return False
+        try:
+            self.measured(reduction)
+        except RunError as error:
+            self.means.announce(str(error))
+            return True
         moved, found = _differ(self._model, self._clean[reduction]), len(self._clean[reduction])
         if found >= _GOOD_COVERAGE * len(self.sequence(reduction)) and moved < _MISLEADING:
             return False
@@ -180,7 +185,7 @@ class Estimate:
         workshop = Workshop(used, self.pipeline, self.means.announce, timeout_s)
         configurations = Configurations(options, options, label="NOMINAL options (tuning has not ended).")
         made = hand_over(self.means.folder, workshop, configurations, is_last=False).nominal
-        self._model = made.model.trajectory
+        self._model, self.of_model = made.model.trajectory, reduction
         self.means.announce(
             f"the nominal model of {len(used)} images is in {self.means.folder}; it took {made.whole_s:.0f} s"
         )

@@ -33,6 +33,9 @@ from gtf_tune.study.tune.budget import (
 from gtf_tune.study.tune.estimate import NOISE_SIGMA, Beginning, Estimate
 from gtf_tune.study.tune.handover import Configurations, changed_options, scaled_to
 
+_ESTIMATED = 0.6
+"""Share of the time below which no other images are tried than those of the nominal model."""
+
 TUNE_KEY = "tune"
 """Where the resolved part of a study keeps what this command planned."""
 
@@ -122,8 +125,10 @@ def begin_tuning(database: Database, request: TuneRequest, means: Beginning) -> 
     most = definition.search.trials or MOST_TRIALS
     budget = Budget(means.left_s(), request.jobs, len(first), len(definition.search.baselines), most)
     plan, usable = budget.plan(full, estimate.price), list(REDUCTIONS)
-    while estimate.misleads(plan.reduction) and len(usable) > 1:
+    while estimate.misleads(plan.reduction):
         usable.remove(plan.reduction)
+        if not usable or means.left_s() < _ESTIMATED * 60 * request.minutes:
+            usable = [estimate.of_model]
         plan = replace(budget, seconds=means.left_s()).plan(full, estimate.price, usable)
     definition = estimate.reduced(plan.reduction)
     if plan.reduction != Reduction():

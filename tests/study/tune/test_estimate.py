@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from gtf_tune.definition import StudyDefinition
+from gtf_tune.errors import RunError
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.sequence import Sequence
 from gtf_tune.study.create import checked_definition
@@ -105,6 +106,23 @@ def test_reduced_images_on_which_nominal_gives_another_trajectory_are_not_search
     assert bent is not None
     assert "12 images of 240x180 pixels are too few or too small: 12 are registered" in said(bent)
     assert lost is not None
+
+
+def test_reduced_images_on_which_nominal_fails_are_not_searched_on_and_those_of_the_model_are(
+    made: Callable[..., Estimate], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = made(30, 1200.0)
+    found.models()
+
+    def fail(*_: Any) -> None:
+        raise RunError("the nominal options do not work: no model")
+
+    monkeypatch.setattr(estimate, "_timed_stages", fail)
+
+    assert found.of_model == REDUCTIONS[3]
+    assert not found.misleads(REDUCTIONS[3])
+    assert found.misleads(REDUCTIONS[1])
+    assert said(found).endswith("the nominal options do not work: no model")
 
 
 def test_the_price_of_a_configuration_begins_at_the_first_stage_that_it_changes() -> None:
