@@ -152,7 +152,14 @@ FIRST: tuple[str, ...] = (
 )
 """Sequences whose runs take the fewest seconds: they are filled first, so that something can be replayed soon."""
 
-_ROUNDS = ((5, (2, 4, 0)), (8, (4, 8, 0)), (8, (4, 16, 0)), (10, (4, 8, 4)), (len(CONFIGURATIONS), (4, 16, 8)))
+_ROUNDS = (
+    (5, (2, 4, 0)),
+    (5, (2, 12, 0)),
+    (8, (4, 8, 0)),
+    (8, (4, 16, 0)),
+    (10, (4, 8, 4)),
+    (len(CONFIGURATIONS), (4, 16, 8)),
+)
 """How many of the configurations are run on how many copies: clean, noisy, noisier."""
 
 
