@@ -9,6 +9,7 @@ from gtf_tune.errors import GtfTuneError
 
 WORK_VARIABLE = "GTF_TUNE_BANK"
 PAGE = Path("docs/bank.md")
+ANSWER = Path("docs/which-options.md")
 
 
 def main() -> None:
@@ -36,7 +37,7 @@ def _pack(arguments: argparse.Namespace) -> None:
 
 def _replay(arguments: argparse.Namespace) -> None:
     from experiments.bank.bank import BANK_FILE, load
-    from experiments.bank.page import page
+    from experiments.bank.page import page, with_short_answer
     from experiments.bank.replay import replay
     from experiments.bank.rules import RULES
 
@@ -44,6 +45,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     if not BANK_FILE.exists():
         sys.exit(f"there is no {BANK_FILE}; run `python -m experiments.bank fill` and then `pack`")
     bank = load()
+    ANSWER.write_text(with_short_answer(ANSWER.read_text(encoding="utf-8"), bank), encoding="utf-8")
     PAGE.write_text(page(bank, replay(bank, RULES)), encoding="utf-8")
 
 
@@ -55,7 +57,7 @@ def _arguments() -> argparse.Namespace:
     filling = commands.add_parser("fill", help="make runs that are not stored yet; resumable")
     filling.add_argument("--minutes", type=float, default=1e6, help="stop after so many minutes")
     commands.add_parser("pack", help="write the runs that are stored into one small file of the repository")
-    commands.add_parser("replay", help=f"replay all rules on that file and write {PAGE}")
+    commands.add_parser("replay", help=f"replay all rules on that file and write {PAGE} and {ANSWER}")
     return parser.parse_args()
 
 

@@ -14,6 +14,8 @@ from gtf_tune.trajectory import FloatArray
 FIXED_RULE, HINDSIGHT = "best fixed configuration", "hindsight"
 
 
+_BEGIN, _END = "<!-- bank: written by python -m experiments.bank replay -->", "<!-- bank: end -->"
+
 _ABOUT_SEQUENCES = (
     "Nominal is the median true ATE over noisy copies. Clean and noisy are what runs of nominal move under another "
     "seed and under the weaker noise. All three are per mille of the extent. The others are changes of the expected "
@@ -44,6 +46,40 @@ def page(bank: Bank, found: Sequence[Replayed]) -> str:
         part("Predictors", _ABOUT_PREDICTORS, _predictor_table(bank, places)),
     ]
     return "\n\n".join(parts) + "\n"
+
+
+def short_answer(bank: Bank) -> str:
+    """Return in words which configuration helps most of the sound sequences, and where it hurts."""
+    places = sound(bank)
+    everyone = Others(bank, "")
+    kept = {place: row for row, place in enumerate(everyone.sequences) if place in places}
+    changes = np.expm1(everyone.truth[list(kept.values())])
+    whole = [number for number in range(len(bank.labels)) if not np.isnan(changes[:, number]).any()]
+    best = min(whole, key=lambda number: float(changes[:, number].mean()))
+    values = changes[:, best]
+    low, high = np.quantile(values, (0.1, 0.9))
+    rendered = sum(bank.sequences[place].startswith("room-") for place in kept)
+    worse = [
+        f"{bank.sequences[place]} ({percent(value)})"
+        for place, value in zip(kept, values, strict=True)
+        if value > CLEARLY
+    ]
+    options = ", ".join(f"`{name} = {value:g}`" for name, value in CONFIGURATIONS[bank.labels[best]].items())
+    return (
+        f"For GLOMAP: {options}. On {int((values < -CLEARLY).sum())} of {len(values)} sequences it lowers the true ATE "
+        f"by more than {CLEARLY:.0%}, by {percent(-values.mean()).lstrip('+')} in the mean (from {percent(low)} to "
+        f"{percent(high)} on eight sequences of ten). It raises it on "
+        f"{', '.join(worse) if worse else 'none of them by as much'}. {rendered} of the sequences are rendered rooms; "
+        "their intrinsics are known and held fixed, and their images are at most 800 pixels wide: on larger ones another "
+        "value in pixels may be the best."
+    )
+
+
+def with_short_answer(text: str, bank: Bank) -> str:
+    """Return a page with what stands between the two comments that begin with ``bank`` written anew."""
+    before, _, rest = text.partition(_BEGIN)
+    _, _, after = rest.partition(_END)
+    return f"{before}{_BEGIN}\n{short_answer(bank)}\n{_END}{after}"
 
 
 def _contents(bank: Bank) -> str:

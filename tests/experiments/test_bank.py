@@ -3,17 +3,20 @@
 from dataclasses import replace
 from functools import partial
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from experiments.bank.__main__ import ANSWER
 from experiments.bank.bank import COPIES, PER_RUN, Bank, load
 from experiments.bank.draw import Draw, Others, TooFewRunsError, block, price, seen_of, set_aside
-from experiments.bank.page import page
+from experiments.bank.page import page, with_short_answer
 from experiments.bank.plan import CONFIGURATIONS, FIRST, NOMINAL, SEQUENCES, batches, copies
 from experiments.bank.replay import draws, replay, sound
 from experiments.bank.rules import RULES, confirmed, fixed, in_hindsight, nominal, posterior, race
 
+ROOT = Path(__file__).parents[2]
 LABELS = tuple(CONFIGURATIONS)[:5]
 SECONDS = (1.0, 4.0, 3.0, 2.0, 6.0, 4.0)
 """Of a plain run: 20 in all, of which 8 are shared by all runs of a copy."""
@@ -234,3 +237,10 @@ def test_the_page_has_a_row_for_every_rule_and_sequence():
 
     assert all(f"| {name} |" in text for name in (*RULES, *bank.sequences, *bank.labels))
     assert "nan" not in text
+
+
+def test_the_page_on_options_says_what_the_bank_says() -> None:
+    text = (ROOT / ANSWER).read_text(encoding="utf-8")
+
+    assert "lowers the true ATE" in text
+    assert with_short_answer(text, load()) == text, "run: python -m experiments.bank replay"
