@@ -69,9 +69,9 @@ def short_answer(bank: Bank) -> str:
         f"For GLOMAP: {options}. On {int((values < -CLEARLY).sum())} of {len(values)} sequences it lowers the true ATE "
         f"by more than {CLEARLY:.0%}, by {percent(-values.mean()).lstrip('+')} in the mean (from {percent(low)} to "
         f"{percent(high)} on eight sequences of ten). It raises it on "
-        f"{', '.join(worse) if worse else 'none of them by as much'}. {rendered} of the sequences are rendered rooms; "
-        "their intrinsics are known and held fixed, and their images are at most 800 pixels wide: on larger ones another "
-        "value in pixels may be the best."
+        f"{', '.join(worse) if worse else 'none of them by as much'}. {rendered} of the sequences are rendered rooms. "
+        "Intrinsics are known and held fixed, and images are at most 800 pixels wide: on larger ones another value in "
+        "pixels may be the best."
     )
 
 
