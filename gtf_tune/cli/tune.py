@@ -19,6 +19,7 @@ from gtf_tune.cli.parameters import (
     make_executor,
     storage_flag,
 )
+from gtf_tune.cli.sequence_flags import CameraGrouping, Cameras
 from gtf_tune.cli.study.create import Pipeline, Range, parse_range
 from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, duration, say, write_line
 from gtf_tune.cli.values import parse_pairs, split_pairs
@@ -61,6 +62,7 @@ def tune(
     setting: Settings = None,
     range_: Range = None,
     preset: Preset = "mapping",
+    cameras: Cameras = CameraGrouping.auto,
     jobs: Jobs = None,
     output: Output = None,
     new: New = False,
@@ -84,6 +86,7 @@ def tune(
         source = _frames_of(source)
         setting = [*(["pairing=sequential"] if makes_models(pipeline or "glomap") else []), *(setting or [])]
     database, sections = create_storage(storage), _sections(source, pipeline, setting, range_)
+    sections |= _grouped(source, sections, cameras)
     request = _request(source, minutes, jobs or default_jobs(), preset, sections)
     if like is not None:
         from gtf_tune.study.check_options import tuned_like
@@ -162,6 +165,16 @@ def _sections(
     if axes:
         sections["space"] = {**sections.get("space", {}), **axes}
     return sections
+
+
+def _grouped(source: Path, sections: dict[str, Any], cameras: CameraGrouping) -> dict[str, Any]:
+    """Return the section of the sequences where their images are to be grouped by camera in another way."""
+    from gtf_tune.definition.model import name_from
+
+    if cameras is CameraGrouping.auto:
+        return {}
+    sequences = sections.get("sequences") or [{"name": name_from(source.stem), "path": source.name}]
+    return {"sequences": [{**sequence, "cameras": cameras.value} for sequence in sequences]}
 
 
 def _request(source: Path, minutes: float, jobs: int, preset: str, sections: dict[str, Any]) -> "TuneRequest":

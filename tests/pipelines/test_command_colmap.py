@@ -13,6 +13,7 @@ from gtf_tune.pipelines.command import create, load_preset
 from gtf_tune.sequence import Sequence
 from gtf_tune.testing import ContractCase, FolderStages
 from gtf_tune.trajectory import associate_by_frame_id, matched
+from tests.pipelines.conftest import make_scene
 
 COMMANDS = ("feature_extractor", "exhaustive_matcher", "mapper")
 
@@ -42,6 +43,18 @@ def test_the_preset_has_the_programs_options_and_defaults(monkeypatch: pytest.Mo
     assert {name: float(said[name]) for name in options} == {
         name: pytest.approx(float(option["default"])) for name, option in options.items()
     }
+
+
+def test_colmaps_command_line_takes_the_images_of_two_cameras(tmp_path: Path) -> None:
+    turned = make_scene(tmp_path, 5, turned=(1, 3))
+    case = ContractCase(create({"preset": "colmap-3.8"}), turned)
+
+    options = {"Mapper.init_min_num_inliers": 30, "Mapper.init_min_tri_angle": 5.0, "Mapper.min_model_size": 3}
+    found = case.run(tmp_path / "run", FolderStages(tmp_path / "stages"), options).trajectory
+
+    assert turned.ground_truth is not None
+    assert len(found) == 5
+    assert ate(turned.ground_truth, found) < 0.02
 
 
 def test_colmaps_command_line_reconstructs_a_scene(scene: Sequence, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Sequences of several cameras: keys, databases, trajectories, scripts, and pipelines that take one camera."""
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +17,8 @@ from gtf_tune.pipelines import create_pipeline, with_focal_prior
 from gtf_tune.pipelines.colmap.models import transforms_json
 from gtf_tune.pipelines.colmap.script import Photographs, pycolmap_script
 from gtf_tune.pipelines.colmap.shell import colmap_shell_script
+from gtf_tune.pipelines.command.inputs import prepare
+from gtf_tune.pipelines.command.resolution import resolve
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Camera, Sequence
 from gtf_tune.testing import ContractCase, FolderStages
@@ -91,6 +94,20 @@ def test_a_pipeline_of_one_camera_offers_the_largest_group(tmp_path: Path) -> No
     assert with_focal_prior(zoomed.of_camera(0), one).frames == tuple(
         frame for frame in zoomed.frames if frame.camera == 0
     )
+
+
+def test_a_step_for_each_camera_is_given_its_images_and_intrinsics(tmp_path: Path) -> None:
+    turned = make_scene(tmp_path, 4, turned=(1,))
+    step = {"name": "features", "arguments": [sys.executable], "each_camera": ["{camera_image_list}"]}
+    pipeline = create_pipeline("command", {"steps": [step]})
+    job = ContractCase(pipeline, turned).job(tmp_path / "run", FolderStages(tmp_path / "stages"), {})
+
+    first, second = prepare(resolve({"steps": [step]}), job).cameras
+
+    assert with_focal_prior(turned, pipeline) is turned
+    assert Path(str(first["camera_image_list"])).read_text().split() == ["000000.pgm", "000006.pgm", "000009.pgm"]
+    assert Path(str(second["camera_image_list"])).read_text().split() == ["000003.pgm"]
+    assert (second["camera_model"], second["camera_params"]) == ("PINHOLE", "220.0,220.0,90.0,120.0")
 
 
 def test_the_scripts_give_each_camera_its_images_and_intrinsics() -> None:

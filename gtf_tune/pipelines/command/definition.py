@@ -15,7 +15,7 @@ Arguments = tuple[str | tuple[str, ...], ...]
 """Words of a command; a list among them is a group that is left out where one of its placeholders has no value."""
 
 CAMERA_FIELDS = frozenset(
-    {"camera", "camera_model", "camera_params", "camera_distortion"}
+    {"camera", "camera_image_list", "camera_model", "camera_params", "camera_distortion"}
     | {f"camera_{name}" for name in ("fx", "fy", "cx", "cy", *DISTORTION)}
 )
 RUN_FIELDS = CAMERA_FIELDS | {
@@ -83,11 +83,16 @@ class OptionDefinition(Section):
 
 
 class StepDefinition(Section):
-    """Describe one program of several; a ``cached`` step leaves all that later steps need in ``{state}``."""
+    """Describe one program of several; a ``cached`` step leaves all that later steps need in ``{state}``.
+
+    A step with ``each_camera`` is run once for each camera of a sequence that has several, with these arguments added;
+    ``{camera_image_list}`` and the other placeholders of the camera are then those of that camera.
+    """
 
     name: str
     arguments: Arguments
     cached: bool = False
+    each_camera: Arguments = ()
 
 
 class ImagesDefinition(Section):
@@ -223,7 +228,7 @@ def templates_of(definition: CommandDefinition) -> Iterator[tuple[str, str, froz
     """Yield where each template stands, the template, and the placeholders it may have besides those of every run."""
     none: frozenset[str] = frozenset()
     for step in definition.all_steps:
-        for word in words_of(step.arguments):
+        for word in words_of((*step.arguments, *step.each_camera)):
             yield f"step '{step.name}'", word, none
     for file in definition.files:
         yield f"file '{file.path}'", file.text, none

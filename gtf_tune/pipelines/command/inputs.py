@@ -26,11 +26,15 @@ _PLAIN = ImagesDefinition()
 
 @dataclass(frozen=True)
 class RunInputs:
-    """What was prepared for one run: the placeholders' values, the images' names, and all option values."""
+    """What was prepared for one run: the placeholders' values, the images' names, and all option values.
+
+    ``cameras`` are the values of the placeholders of each camera, where there are several.
+    """
 
     values: Mapping[str, Value]
     names: tuple[str, ...]
     options: Mapping[str, OptionValue]
+    cameras: tuple[Mapping[str, Value], ...] = ()
 
 
 def prepare(command: ResolvedCommand, job: PipelineJob) -> RunInputs:
@@ -55,7 +59,7 @@ def prepare(command: ResolvedCommand, job: PipelineJob) -> RunInputs:
         if _write_file(file, job, workspace, names, values, definition.boolean_words):
             values[f"file:{file.path}"] = workspace / file.path
     _write_settings_files(definition, values, options)
-    return RunInputs(values, names, options)
+    return RunInputs(values, names, options, _cameras(job, names))
 
 
 def image_names(images: ImagesDefinition, job: PipelineJob) -> tuple[str, ...]:
@@ -149,6 +153,20 @@ def _write_lists(job: PipelineJob, names: tuple[str, ...], values: Mapping[str, 
         params = " ".join(repr(value) for value in job.camera.params)
         line = f"1 {job.camera.model} {job.camera.width} {job.camera.height} {params}\n"
         Path(str(values["camera"])).write_text(line, encoding="utf-8")
+
+
+def _cameras(job: PipelineJob, names: tuple[str, ...]) -> tuple[Mapping[str, Value], ...]:
+    """Write the list of each camera's images, and return the placeholders of each; nothing for a single camera."""
+    sequence, found = job.images.sequence, []
+    if len(sequence.cameras) == 1:
+        return ()
+    for number, camera in enumerate(sequence.cameras):
+        path = job.workspace / "inputs" / f"images_of_camera_{number + 1}.txt"
+        listed = [name for name, taken_by in zip(names, sequence.taken_by, strict=True) if taken_by == number]
+        path.write_text("\n".join(listed) + "\n", encoding="utf-8", errors="surrogateescape")
+        values: dict[str, Value] = {"camera_image_list": path, "width": camera.width, "height": camera.height}
+        found.append(values | (camera_values(camera.intrinsics) if camera.intrinsics else {}))
+    return tuple(found)
 
 
 def _write_file(

@@ -38,6 +38,11 @@ class CommandPipeline:
         named = {name for _, template, _ in templates_of(definition) for name, _ in fields_of(template)}
         return definition.output.association == "timestamp" or not TIME_FIELDS.isdisjoint(named)
 
+    @property
+    def takes_several_cameras(self) -> bool:
+        """Return whether a step is run for each camera, so that the program learns of all of them."""
+        return any(step.each_camera for step in self.command.definition.all_steps)
+
     def run(self, job: PipelineJob) -> PipelineOutput:
         """Return the trajectory that the programs leave.
 

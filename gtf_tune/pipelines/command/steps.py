@@ -14,6 +14,7 @@ from gtf_tune.pipelines.base import DiagnosticValue, PipelineJob
 from gtf_tune.pipelines.command.cuda_lock import cuda_device, cuda_lock
 from gtf_tune.pipelines.command.definition import (
     TIME_FIELDS,
+    Arguments,
     OptionDefinition,
     StepDefinition,
     templates_of,
@@ -100,10 +101,17 @@ class StepRun:
         )
 
     def _execute(self, step: StepDefinition, state: Path) -> None:
+        values: dict[str, Value] = {**self.inputs.values, "state": state, "options": self._option_words(step)}
+        if step.each_camera and self.inputs.cameras:
+            for camera in self.inputs.cameras:
+                self._start(step, (*step.arguments, *step.each_camera), {**values, **camera})
+        else:
+            self._start(step, step.arguments, values)
+
+    def _start(self, step: StepDefinition, templates: Arguments, values: Mapping[str, Value]) -> None:
         definition = self.command.definition
         words = definition.boolean_words
-        values: dict[str, Value] = {**self.inputs.values, "state": state, "options": self._option_words(step)}
-        arguments = _started_anywhere(filled_arguments(step.arguments, values, words))
+        arguments = _started_anywhere(filled_arguments(templates, values, words))
         sys.stdout.write(f"+ {shlex.join(arguments)}\n")
         with contextlib.ExitStack() as held, self.clock.timing(step.name):
             locks = [held.enter_context(cuda_lock(cuda_device(), self.job.waiting))] if definition.gpu else []

@@ -56,7 +56,8 @@ class Workshop:
         """Return the nominal model: that of an earlier handover where it is the same, else a new one."""
         from gtf_tune.pipelines.colmap.models import read_model
 
-        made_by = [(work / name).read_text() for name in ("run.py", "images.txt", "options-nominal.json")]
+        scripts = [work / "run.py", *sorted(work.glob("images*.txt")), work / "options-nominal.json"]
+        made_by = [path.read_text(encoding="utf-8", errors="surrogateescape") for path in scripts]
         key = hashlib.sha256("\0".join(made_by).encode(errors="surrogateescape")).hexdigest()
         self.mark = {"sequence": self.sequence.name, "pipeline": self.pipeline.name, "nominal": key}
         known = json.loads((folder / MARK).read_text() or "{}") if (folder / MARK).is_file() else {}

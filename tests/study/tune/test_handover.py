@@ -25,7 +25,8 @@ ADOPTED = {**FIXED, "mapper.bundle_adjustment.ceres.loss_function_scale": 0.2}
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Sequence:
-    return make_scene(tmp_path_factory.mktemp("scene"), frames=8)
+    """Return images of two cameras: two of them are upright."""
+    return make_scene(tmp_path_factory.mktemp("scene"), frames=8, turned=(2, 5))
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +56,8 @@ def test_both_models_and_everything_that_makes_them_are_there(folder: Path) -> N
         "run.sh",
         "options.json",
         "options-nominal.json",
-        "images.txt",
+        "images-1.txt",
+        "images-2.txt",
         "trajectory.txt",
         "transforms.json",
     }
@@ -97,7 +99,7 @@ def test_scripts_alone_are_those_of_the_whole_handover(folder: Path, scene: Sequ
     write_scripts(tmp_path / "scripts", scene, create_pipeline("glomap"), Configurations(ADOPTED, FIXED))
 
     written = {path.name: path.read_text() for path in (tmp_path / "scripts").iterdir()}
-    assert set(written) >= {"run.py", "run.sh", "options.json", "options-nominal.json", "images.txt"}
+    assert set(written) >= {"run.py", "run.sh", "options.json", "options-nominal.json", "images-1.txt", "images-2.txt"}
     same = set(written) - {"README.txt", "run.sh", ".gtf-tune.json"}  # which say what the options are
     assert all((folder / name).read_text() == written[name] for name in same)
 
@@ -146,8 +148,23 @@ def test_a_reconstruction_ends_when_its_time_is_up(scene: Sequence, tmp_path: Pa
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_models_hold_the_cameras_of_their_images(folder: Path) -> None:
+    names = {number: (folder / f"images-{number}.txt").read_text().split() for number in (1, 2)}
+    assert names[2] == ["002.png", "005.png"]
+    for model in (pycolmap.Reconstruction(folder / name / "0") for name in ("sparse", "sparse-nominal")):
+        sizes = {image.name: model.cameras[image.camera_id] for image in model.images.values()}
+        assert {name for name, camera in sizes.items() if camera.width < camera.height} == set(names[2])
+        assert len(model.cameras) == 2
+    frames = json.loads((folder / "transforms.json").read_text())["frames"]
+    assert {Path(frame["file_path"]).name for frame in frames if frame["w"] < frame["h"]} == set(names[2])
+
+
+def _half(camera: SequenceCamera) -> SequenceCamera:
+    return SequenceCamera(camera.width // 2, camera.height // 2, camera.stored_size)
+
+
 def test_models_of_reduced_images_say_so(scene: Sequence, tmp_path: Path) -> None:
-    small = replace(scene, cameras=(SequenceCamera(scene.width // 2, scene.height // 2, scene.stored_size),))
+    small = replace(scene, cameras=tuple(_half(camera) for camera in scene.cameras))
 
     write_scripts(tmp_path / "out", small, create_pipeline("glomap"), Configurations(FIXED, FIXED))
 
