@@ -114,7 +114,8 @@ class Estimate:
     def measured(self, reduction: Reduction) -> RunPrice:
         """Return what a run of nominal costs there; it is stored for the nominal trial."""
         if reduction not in self._measured:
-            stage_s, clean = _timed_stages(self.definition, self.pipeline, self.sequence(reduction), self.means.source)
+            used = self.sequence(reduction)
+            stage_s, clean = _timed_stages(self.definition, self.pipeline, used, self.means.source, len(self.whole))
             price = price_of_stages(stage_s, _earliest_stage(self.definition, self.pipeline))
             self._measured[reduction], self._clean[reduction] = price, clean
             self.means.announce(
@@ -217,12 +218,12 @@ def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reducti
 
 
 def _timed_stages(
-    definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, source: RunSource
+    definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, source: RunSource, frames: int
 ) -> tuple[dict[str, float], Trajectory]:
     """Return the seconds of each stage by name, and of all as ``wall``, and the trajectory of nominal's first run.
 
-    The first noisy run is timed as well where that run found stages at hand, or is so short that the start of the
-    executor rules it. Both are stored for the nominal trial.
+    The first noisy run is timed as well where that run found stages at hand, is so short that the start of the executor
+    rules it, or has fewer than all ``frames``: these may be too few under noise. Both are stored for the nominal trial.
 
     Raises
     ------
@@ -234,7 +235,11 @@ def _timed_stages(
         planner.request(sequence, {}, (kind, 0), sigma=_sigma(definition), number=0) for kind in ("clean", "noisy")
     )
     found, trajectory = _timed(clean, source)
-    if found["wall"] < _SHORT_S or any(found[name] for name in found if name.endswith("_cached")):
+    if (
+        len(sequence) < frames
+        or found["wall"] < _SHORT_S
+        or any(found[name] for name in found if name.endswith("_cached"))
+    ):
         other, _ = _timed(noisy, source)
         found = {name: max(found.get(name, 0.0), seconds) for name, seconds in other.items()} | {"wall": other["wall"]}
     stages = {name.removesuffix("_s"): seconds for name, seconds in found.items() if name.endswith("_s")}

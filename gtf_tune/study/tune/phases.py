@@ -20,7 +20,7 @@ from gtf_tune.study.outcome.confirm import (
     confirm,
     plan_confirmation,
 )
-from gtf_tune.study.outcome.recommendation import UNCONFIRMED, Recommendation, recommend
+from gtf_tune.study.outcome.recommendation import NOTHING_FEASIBLE, UNCONFIRMED, Recommendation, recommend
 from gtf_tune.study.runs.run_source import RunSource, run_limits
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
 from gtf_tune.study.tune.ablation import shortened
@@ -64,7 +64,9 @@ def tune_through(study: OpenStudy, means: Means) -> Recommendation:
     """
     if means.pace is None or not confirmations.of_study(study.database, study.record.id):
         _search(study, means)
-        if not means.stop.level and not recommend(study.database, study.record).is_confirmed:
+        found = recommend(study.database, study.record)
+        hopeless = means.pace is not None and found.decision == NOTHING_FEASIBLE
+        if not (means.stop.level or found.is_confirmed or hopeless):
             _confirm(study, means, _candidates(study, means))
     return recommend(study.database, study.record)
 

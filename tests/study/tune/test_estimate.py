@@ -49,7 +49,7 @@ def made(definition: StudyDefinition, tmp_path: Path, monkeypatch: pytest.Monkey
     """Return estimates on runs that take a second for each image, and models that take as long as is given."""
 
     def make(minutes: float, model_s: float, clean: Trajectory | None = None) -> Estimate:
-        def timed(_: Any, __: Any, sequence: Sequence, ___: Any) -> tuple[dict[str, float], Trajectory]:
+        def timed(_: Any, __: Any, sequence: Sequence, *___: Any) -> tuple[dict[str, float], Trajectory]:
             return {"wall": float(len(sequence)), "mapping": 1.0}, clean or poses(len(sequence), 24 // len(sequence))
 
         def hand_over(_: Path, workshop: Any, *__: Any, **___: Any) -> SimpleNamespace:
