@@ -69,7 +69,7 @@ def test_the_runs_by_which_a_noise_was_chosen_go_with_the_last_study_that_used_t
     keys = studies.get(database, "small").resolved["noise_runs"]
     run_study({**definition_of(room, **AUTO), "name": "other"})
     stored = runs.find(database, keys)
-    assert len(stored) > 6
+    assert len(stored) > 3
     assert check(database).notes == ()
 
     studies.delete_study(database, "small")
