@@ -3,9 +3,9 @@
 from types import MappingProxyType
 
 from experiments import joint, ladder, several
-from experiments.ablation import WITHOUT_SUCCESSOR
+from experiments.ablation import WITHOUT_EFFECT, WITHOUT_SUCCESSOR, pairs
 from experiments.findings import WORTH_FINDING
-from experiments.plan import AGGREGATE
+from experiments.plan import AGGREGATE, OPTIONS
 
 FIGURES = MappingProxyType(
     {
@@ -92,10 +92,13 @@ LADDER = (
     "measures this on any sequence. Where the floor lies far above the scores, most clean runs fell apart and noisy "
     "ones did not; it is ignored then."
 )
+_IDLE = "; ".join(f"{name} ({reason})" for name, reason in WITHOUT_EFFECT.items())
+_SWEPT = len(pairs()) + len(OPTIONS)
 ABLATION = (
-    "The paper's 26 options, as far as COLMAP 4 still has them, each at a stricter and a laxer value "
-    "(the five of table 2 over their grids); ranges of the true ATE and of the score against nominal. "
-    f"Without a successor: {'; '.join(WITHOUT_SUCCESSOR)}."
+    f"Of the paper's {_SWEPT + len(WITHOUT_SUCCESSOR) + len(WITHOUT_EFFECT)} options {len(WITHOUT_SUCCESSOR)} have no "
+    f"successor in COLMAP 4 ({'; '.join(WITHOUT_SUCCESSOR)}), and {len(WITHOUT_EFFECT)} do nothing on these sequences: "
+    f"{_IDLE}. The other {_SWEPT} are swept, each at a stricter and a laxer value (the five of table 2 over their "
+    "grids); ranges of the true ATE and of the score against nominal."
 )
 TRAPS = (
     "An option that can register fewer frames at its strict end, where the error over the frames that are left may be "

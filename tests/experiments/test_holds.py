@@ -3,10 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+from experiments.ablation import WITHOUT_EFFECT, WITHOUT_SUCCESSOR, pairs
 from experiments.findings import Findings
 from experiments.holds import holds_part
 from experiments.plan import OPTIONS, Experiment
 from experiments.settings import Outcome
+from experiments.text import ABLATION
 from tests.experiments.test_experiment_outcomes import setting
 
 
@@ -55,3 +57,10 @@ def test_the_page_of_results_begins_with_it() -> None:
     page = (Path(__file__).parents[2] / "docs" / "results.md").read_text()
 
     assert page.startswith("# Results\n\n## Does it hold?\n\nIn the paper's table 14 of 15 cells improve")
+
+
+def test_each_of_the_papers_26_options_is_swept_idle_or_gone() -> None:
+    swept = len(pairs()) + len(OPTIONS)
+
+    assert (swept, len(WITHOUT_EFFECT), len(WITHOUT_SUCCESSOR)) == (19, 4, 3)
+    assert "Of the paper's 26 options 3 have no successor in COLMAP 4" in ABLATION
