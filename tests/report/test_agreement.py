@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gtf_tune.report.panels.agreement import Agreement, agreement
+from gtf_tune.report.panels.agreement import Agreement, agreement, r_squared_by_runs
 from gtf_tune.report.points import TrialPoint
 
 
@@ -66,3 +66,16 @@ def test_the_regression_line_spans_the_points() -> None:
     x, y = found.line()
     assert (x[0], x[-1]) == (1, 4)
     assert np.allclose(y, 2 * x)
+
+
+def test_more_noisy_runs_agree_better_with_the_true_error() -> None:
+    generator = np.random.default_rng(0)
+    truth = np.linspace(1.0, 2.0, 8)
+    matrices = [error * np.exp(0.5 * generator.standard_normal((2, 12))) for error in truth]
+
+    values = r_squared_by_runs(matrices, truth, "mean")
+
+    assert len(values) == 12
+    assert values[-1] > values[2] > values[0]
+    exact = r_squared_by_runs([np.full((1, 3), error) for error in truth], truth, "median")
+    assert np.allclose(exact, 1.0)

@@ -9,14 +9,16 @@ import plotly.graph_objects as go
 from scipy import stats
 
 from gtf_tune.display import significant
+from gtf_tune.gtf import Aggregate, aggregate_matrix
 from gtf_tune.report.drawing import markup, theme
 from gtf_tune.report.panels.base import Block, Drawing, Panel, ReportInput
-from gtf_tune.report.points import PointSet, TrialPoint, point_sets
+from gtf_tune.report.points import PointSet, TrialPoint, point_sets, sequence_detail, study_points
 from gtf_tune.report.study_data import StudyData
 from gtf_tune.trajectory import FloatArray
 
 _FEWEST = 3
 _LOG_FROM_RATIO = 30.0
+_DRAWS = 30
 _PIXELS = "mean reprojection error [px]"
 
 
@@ -111,7 +113,54 @@ def agreement_panel(report: ReportInput) -> list[Block]:
     blocks: list[Block] = []
     for points in point_sets(report.data):
         blocks.extend(_agreements(points, is_one_of_several=report.data.has_several_sequences))
+    if not report.data.has_several_sequences:
+        blocks.extend(_over_noisy_runs(report.data))
     return blocks
+
+
+def r_squared_by_runs(matrices: Sequence[FloatArray], truth: FloatArray, aggregate: Aggregate) -> list[float]:
+    """Return R2 between score and true error for 1, 2, ... noisy runs, by resampling (the paper's figure on k_delta).
+
+    Parameters
+    ----------
+    matrices
+        (k, k_delta) errors of each trial, without gaps.
+    truth
+        True errors of the trials, (n,).
+    """
+    available = min(matrix.shape[1] for matrix in matrices)
+    generator = np.random.default_rng(0)
+    found = []
+    for count in range(1, available + 1):
+        draws = [generator.permutation(available)[:count] for _ in range(_DRAWS if count < available else 1)]
+        scores = [[aggregate_matrix(matrix[:, chosen], aggregate) for matrix in matrices] for chosen in draws]
+        squares = [np.corrcoef(drawn, truth)[0, 1] ** 2 for drawn in scores if np.ptp(drawn) > 0]
+        found.append(float(np.mean(squares)) if squares else math.nan)
+    return found
+
+
+def _over_noisy_runs(data: StudyData) -> list[Block]:
+    """Return the figure of R2 over the number of noisy runs, where enough trials have truth and whole matrices."""
+    points = study_points(data)
+    known = [
+        (sequence_detail(data, point.number, points.title).matrix, point.ground_truth)
+        for point in points.scored
+        if math.isfinite(point.ground_truth)
+    ]
+    whole = [(matrix, error) for matrix, error in known if matrix.size and not np.isnan(matrix).any()]
+    truth = np.array([error for _, error in whole])
+    if len(whole) < _FEWEST or np.ptp(truth) == 0:
+        return []
+    values = r_squared_by_runs([matrix for matrix, _ in whole], truth, data.definition.gtf.aggregate)
+    figure = theme.figure(height=300)
+    figure.update_layout(
+        showlegend=False,
+        xaxis=theme.axis("noisy runs (k_delta)"),
+        yaxis=theme.axis("R² with the true error", range=[0, 1.02]),
+    )
+    counts = list(range(1, len(values) + 1))
+    figure.add_scatter(x=counts, y=values, mode="lines+markers", line={"color": theme.GTF_DARK})
+    return [Drawing("r2 over noisy runs", "R² over the number of noisy runs, resampled from this study", figure)]
 
 
 def _spreads_far(values: FloatArray) -> bool:
