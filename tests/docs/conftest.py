@@ -20,6 +20,7 @@ import gtf_tune.execution
 import gtf_tune.sequence
 import gtf_tune.study.tune.estimate
 import gtf_tune.study.tune.handover
+import gtf_tune.study.tune.start
 from gtf_tune.cli.main import main
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.pipelines import analytic, registry
@@ -56,6 +57,7 @@ def quick_command_line() -> Iterator[Command]:
         patch.setattr(gtf_tune.sequence, "render_room", _tiny_room)
         for module in (gtf_tune.study.tune.handover, gtf_tune.study.tune.estimate):
             patch.setattr(module, "makes_models", lambda _: False)
+        patch.setattr(gtf_tune.study.tune.start, "MOST_TRIALS", 9)
         yield partial(_call, patch)
 
 
