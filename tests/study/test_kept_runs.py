@@ -11,8 +11,7 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.trial_queue import this_worker
 from gtf_tune.study.create import checked_definition, create_study
 from gtf_tune.study.open_study import open_study
-from gtf_tune.study.runs.kept import kept_runs
-from gtf_tune.study.runs.plan import RunPlanner, SeedSource
+from gtf_tune.study.runs.plan import RunPlanner, SeedSource, kept_runs
 from gtf_tune.study.runs.run_source import RunSource
 from gtf_tune.study.runs.stop import StopRequest
 from tests.study.conftest import Runner, definition_of

@@ -70,7 +70,7 @@ def _option_costs(study: "OpenStudy") -> list[str]:
 def runs_of_search(study: "OpenStudy") -> int:
     """Return how many runs the trials that are left need at the most."""
     from gtf_tune.store import trials
-    from gtf_tune.study.runs.kept import kept_runs
+    from gtf_tune.study.runs.plan import kept_runs
 
     counts = trials.counts(study.database, study.record.id)
     ended = sum(number for state, number in counts.items() if state != "claimed")

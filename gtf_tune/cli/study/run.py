@@ -110,7 +110,7 @@ def resume(
     Example: gtf-tune study resume photos
     """
     from gtf_tune.store import runs, trials
-    from gtf_tune.study.runs.kept import kept_runs
+    from gtf_tune.study.runs.plan import kept_runs
     from gtf_tune.study.states import reopen_study
 
     database = open_storage(storage)

@@ -33,7 +33,7 @@ def show(name: StudyName, all_: All = False, json: Json = False, storage: Storag
     from gtf_tune.store import ground_truth_errors, runs, studies, trials
     from gtf_tune.store.studies import stored_definition
     from gtf_tune.study.outcome.recommendation import recommend
-    from gtf_tune.study.runs.kept import kept_runs
+    from gtf_tune.study.runs.plan import kept_runs
 
     database = open_storage(storage)
     study = studies.get(database, name)
