@@ -100,6 +100,7 @@ def create_study(
         name is taken.
     """
     pipeline = runnable(pipeline or make_pipeline(definition), definition.name)
+    definition = _with_device(definition, pipeline)
     space = build_space(definition, pipeline.options)
     pipeline.options.check({**definition.fixed_options, **space.nominal})
     check_search(definition, space)
@@ -131,6 +132,16 @@ def create_study(
         for sequence in loaded:
             say_notes(sequence, on_note, named=len(loaded) > 1)
     return study
+
+
+def _with_device(definition: StudyDefinition, pipeline: Pipeline) -> StudyDefinition:
+    """Return the definition with the device that ``auto`` is here: all machines of a study compute on one kind."""
+    settings = definition.pipeline.settings
+    if settings.get("device") != "auto":
+        return definition
+    device = dict(pipeline.settings).get("device", "cpu")
+    section = definition.pipeline.model_copy(update={"settings": {**settings, "device": device}})
+    return definition.model_copy(update={"pipeline": section})
 
 
 def _check_first(definition: StudyDefinition, space: SearchSpace, table: OptionTable) -> None:

@@ -25,8 +25,13 @@ SETTINGS: Mapping[str, Setting] = {
     "pairing": Setting("exhaustive", tuple(PAIRINGS)),
     "camera_model": Setting("SIMPLE_RADIAL", tuple(sorted(set(pycolmap.CameraModelId.__members__) - {"INVALID"}))),
     "vocab_tree_path": Setting(""),
+    "device": Setting("cpu", ("cpu", "cuda", "auto")),
 }
-"""``camera_model`` is used where intrinsics are unknown; ``vocab_tree_path`` by ``sequential.loop_detection``."""
+"""``camera_model`` is used where intrinsics are unknown; ``vocab_tree_path`` by ``sequential.loop_detection``.
+
+``device`` extracts and matches features: ``auto`` is CUDA where pycolmap was built with it. Pipelines have none where
+it is the CPU, so that their keys are those of versions that knew no other.
+"""
 
 # The first number of a tree is its format; before faiss took the place of flann it was the number of visual words.
 _TREE_HEAD = struct.Struct("<iii")
@@ -106,9 +111,9 @@ def settings_of(pipeline: str, given: Mapping[str, object]) -> dict[str, str]:
     Raises
     ------
     DefinitionError
-        A setting is unknown or wrong, or the vocabulary tree is not there.
+        A setting is unknown or wrong, the vocabulary tree is not there, or pycolmap was built without CUDA.
     """
-    settings = read_settings(pipeline, SETTINGS, given)
+    settings = _with_device(pipeline, read_settings(pipeline, SETTINGS, given))
     tree = settings["vocab_tree_path"]
     if tree and not Path(tree).is_file():
         raise DefinitionError(f"pipeline '{pipeline}': no vocabulary tree file at '{tree}'; nothing is downloaded")
@@ -118,6 +123,17 @@ def settings_of(pipeline: str, given: Mapping[str, object]) -> dict[str, str]:
             "before 3.12; build one with 'colmap vocab_tree_builder' of COLMAP 4"
         )
     return {**settings, "vocab_tree": file_digest(Path(tree))} if tree else settings
+
+
+def _with_device(pipeline: str, settings: dict[str, str]) -> dict[str, str]:
+    """Return the settings with the device that ``auto`` stands for on this machine, without the CPU."""
+    device = settings.pop("device")
+    if device == "cuda" and not pycolmap.has_cuda:
+        raise DefinitionError(
+            f"pipeline '{pipeline}': this pycolmap was built without CUDA; install the package 'pycolmap-cuda12' in "
+            "its place, or leave out device = 'cuda'"
+        )
+    return {**settings, "device": "cuda"} if device != "cpu" and pycolmap.has_cuda else settings
 
 
 def _is_vocab_tree(path: Path) -> bool:

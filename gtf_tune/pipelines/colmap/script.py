@@ -107,6 +107,7 @@ def pycolmap_script(
         pairing_kind=_literal(f"{pairing.title()}PairingOptions"),
         pairing_more=f"pairing.vocab_tree_path = {_literal(tree)}\n" if tree and pairing == "sequential" else "",
         match=f"match_{pairing}",
+        device=settings.get("device", "cpu"),
         calibration=_CALIBRATION if calibrates else "",
         map=mapper.function,
         mapping_kind=mapper.options,

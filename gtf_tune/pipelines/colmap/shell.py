@@ -46,7 +46,7 @@ def colmap_shell_script(
     known = photographs is not None and photographs.intrinsics_known
     commands = [name for name in commands_of(pipeline, pairing) if name != _CALIBRATOR or not known]
     flags: dict[str, list[str]] = {name: [] for name in commands}
-    for flag, value in (*_matching(settings), *_options(pipeline, options)):
+    for flag, value in (*_from_settings(settings), *_options(pipeline, options)):
         command = command_of(pipeline, flag, pairing)
         if command in flags:
             flags[command].append(f"--{flag} {shlex.quote(value)}")
@@ -80,7 +80,9 @@ def _cameras(photographs: Photographs | None, settings: Mapping[str, object]) ->
         yield [*given, *([f"--ImageReader.camera_params {','.join(map(repr, camera.params))}"] if camera else [])]
 
 
-def _matching(settings: Mapping[str, object]) -> Iterator[tuple[str, str]]:
+def _from_settings(settings: Mapping[str, object]) -> Iterator[tuple[str, str]]:
+    on_gpu = "1" if settings.get("device") == "cuda" else "0"  # COLMAP itself takes a GPU wherever there is one
+    yield from ((f"{part}.use_gpu", on_gpu) for part in ("FeatureExtraction", "FeatureMatching"))
     if settings.get("vocab_tree_path") and settings.get("pairing") == "sequential":
         yield "SequentialMatching.vocab_tree_path", str(settings["vocab_tree_path"])
 

@@ -30,6 +30,7 @@ from gtf_tune.errors import RunError
 from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.colmap.database import add_rows, copy_database, copy_rows, make_plain
 from gtf_tune.pipelines.colmap.options import OptionObjects, OptionRoot
+from gtf_tune.pipelines.command.cuda_lock import cuda_device, cuda_lock
 from gtf_tune.pipelines.file_digest import file_digest
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.pipelines.run import digest
@@ -75,8 +76,18 @@ class StagedRun:
     clock: StageClock = field(default_factory=StageClock)
 
     def key(self, stage: str, **parts: object) -> str:
-        """Return the key of a stage from what it depends on besides the version and the number of threads."""
-        return digest({"stage": stage, "version": self.version, "threads": self.job.threads, **parts})
+        """Return the key of a stage from what it depends on besides version, number of threads, and device."""
+        device = {"device": self.settings["device"]} if "device" in self.settings else {}
+        return digest({"stage": stage, "version": self.version, "threads": self.job.threads, **device, **parts})
+
+    @contextlib.contextmanager
+    def _device(self) -> Iterator[pycolmap.Device]:
+        """Yield the device that extracts and matches; a GPU serves one run at a time."""
+        if self.settings.get("device") != "cuda":
+            yield pycolmap.Device.cpu
+            return
+        with cuda_lock(cuda_device(), self.job.waiting):
+            yield pycolmap.Device.cuda
 
     @property
     def intrinsics_known(self) -> bool:
@@ -179,16 +190,17 @@ class StagedRun:
         images = self.reach("images", self.job.images.key, self.job.images.write)
         sequence = self.job.images.sequence
         named = list(zip(sequence.taken_by, self.job.images.names, strict=True))
-        for number, camera in enumerate(sequence.cameras):  # a call makes one camera, and adds to the database
-            pycolmap.extract_features(
-                folder / DATABASE,
-                images,
-                image_names=[name for taken_by, name in named if taken_by == number],
-                camera_mode=pycolmap.CameraMode.SINGLE,
-                reader_options=self._reader_options(camera),
-                extraction_options=self.options["extraction"],
-                device=pycolmap.Device.cpu,
-            )
+        with self._device() as device:
+            for number, camera in enumerate(sequence.cameras):  # a call makes one camera, and adds to the database
+                pycolmap.extract_features(
+                    folder / DATABASE,
+                    images,
+                    image_names=[name for taken_by, name in named if taken_by == number],
+                    camera_mode=pycolmap.CameraMode.SINGLE,
+                    reader_options=self._reader_options(camera),
+                    extraction_options=self.options["extraction"],
+                    device=device,
+                )
         make_plain(folder / DATABASE)
 
     def _reader_options(self, camera: SequenceCamera) -> Any:
@@ -240,7 +252,8 @@ class StagedRun:
         if self.settings["pairing"] == "sequential":
             match = pycolmap.match_sequential
             pairing.vocab_tree_path = self.settings["vocab_tree_path"]
-        match(database, matching, pairing, self.options["verification"], pycolmap.Device.cpu)
+        with self._device() as device:
+            match(database, matching, pairing, self.options["verification"], device)
 
     def _build_calibration(self, folder: Path) -> None:
         geometry, matches = self.geometry(), self._matches()
