@@ -42,7 +42,7 @@ def read_options(path: Path) -> dict[str, Any]:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise DefinitionError(
-            f"'{path}' is no JSON file such as 'gtf-tune study export --format json' writes ({reason})"
+            f"'{path}' is no JSON file of options ({reason}); export one from a study", remedy=("options file",)
         ) from error
     if not isinstance(found, dict):
         raise DefinitionError(f"'{path}' should hold an object of options, not {str(found)[:40]!r}")

@@ -79,8 +79,8 @@ class PresetSpace:
         tiers = {preset.name: preset.tier for preset in self.presets}
         if name not in tiers:
             raise DefinitionError(
-                f"pipeline '{self.pipeline}' has no preset '{name}', only {', '.join(tiers)}; see 'gtf-tune pipeline "
-                f"presets {self.pipeline}'"
+                f"pipeline '{self.pipeline}' has no preset '{name}', only {', '.join(tiers)}; take one of them",
+                remedy=("presets", self.pipeline),
             )
         return tiers[name]
 
