@@ -70,5 +70,7 @@ def test_presets_search_more_from_one_to_the_next_and_ask_more_of_what_comes_bef
 
 
 def test_an_unknown_preset_is_one_sentence_with_those_that_are_known() -> None:
-    with pytest.raises(DefinitionError, match=r"'colmap' has no preset 'verify', only mapping; see 'gtf-tune pipeline"):
+    with pytest.raises(DefinitionError, match=r"'colmap' has no preset 'verify', only mapping") as caught:
         preset_space("colmap").tier("verify")
+
+    assert caught.value.remedy == ("presets", "colmap")
