@@ -133,7 +133,8 @@ def begin_tuning(database: Database, request: TuneRequest, means: Beginning) -> 
     definition = estimate.reduced(plan.reduction)
     if plan.reduction != Reduction():
         means.announce(
-            f"{request.minutes:g} minutes buy too little on all of it: the search uses {estimate.shown(plan.reduction)}"
+            f"{round(request.minutes, 1):g} minutes buy too little on all of it: the search uses "
+            f"{estimate.shown(plan.reduction)}"
         )
     measured = estimate.measured(plan.reduction)
     plan = replace(budget, seconds=means.left_s()).plan_at(full, measured, plan.reduction)
