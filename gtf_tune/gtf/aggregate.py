@@ -9,7 +9,14 @@ from typing import Literal, get_args
 import numpy as np
 from scipy.special import stdtrit
 
-from gtf_tune.gtf.random_effects import Spread, combined, far_above_either_median, far_above_median, two_way_spread
+from gtf_tune.gtf.random_effects import (
+    Spread,
+    combined,
+    far_above_either_median,
+    far_above_median,
+    smallest_errors,
+    two_way_spread,
+)
 from gtf_tune.metrics import check_word
 from gtf_tune.trajectory import BoolArray, FloatArray
 
@@ -93,7 +100,7 @@ def find_collapsed(matrix: FloatArray, noisy_noisy: FloatArray | None = None) ->
         (k_delta, k_delta) errors of noisy runs against each other. With it a run is also marked when its median error
         against the other noisy runs is far out, which still works when a clean run collapsed.
     """
-    collapsed = far_above_median(_smallest(matrix))
+    collapsed = far_above_median(smallest_errors(matrix))
     if noisy_noisy is None:
         return collapsed
     others = np.where(np.eye(len(noisy_noisy), dtype=bool), np.nan, noisy_noisy)
@@ -111,12 +118,7 @@ def common_collapses(a: FloatArray, b: FloatArray) -> tuple[BoolArray, BoolArray
     a, b
         (k, k_delta) errors of noisy against clean runs, NaN where a pair failed.
     """
-    return far_above_either_median(_smallest(a), _smallest(b))
-
-
-def _smallest(matrix: FloatArray) -> FloatArray:
-    filled = np.where(np.isnan(matrix), np.inf, matrix).min(axis=0, initial=np.inf)
-    return np.where(np.isinf(filled), np.nan, filled)
+    return far_above_either_median(smallest_errors(a), smallest_errors(b))
 
 
 def _medians(others: FloatArray) -> FloatArray:

@@ -89,6 +89,12 @@ def far_from_median(logarithms: FloatArray) -> BoolArray:
     return np.abs(deviations) > limit
 
 
+def smallest_errors(table: FloatArray) -> FloatArray:
+    """Return the smallest error of each noise instance over clean runs, (n,), of a table (k, n); NaN if all failed."""
+    filled = np.where(np.isnan(table), np.inf, table).min(axis=0, initial=np.inf)
+    return np.where(np.isinf(filled), np.nan, filled)
+
+
 def clean_runs_apart(tables: Sequence[FloatArray]) -> BoolArray:
     """Return which clean runs, (k,), fell into another solution under every configuration alike.
 
@@ -136,11 +142,7 @@ def _apart_alike(a: FloatArray, b: FloatArray) -> BoolArray:
 
     At most half of the instances are: where more seem to, nothing is known of what is usual.
     """
-    apart = np.ones(a.shape[1], dtype=np.bool_)
-    for table in (a, b):
-        smallest = np.where(np.isnan(table), np.inf, table).min(axis=0, initial=np.inf)
-        apart &= far_above_median(np.where(np.isinf(smallest), np.nan, smallest))
-    return apart
+    return far_above_median(smallest_errors(a)) & far_above_median(smallest_errors(b))
 
 
 def mean_difference(tables: Sequence[FloatArray]) -> tuple[float, Spread]:
