@@ -81,7 +81,7 @@ class Draw:
         """
         clean, noisy = self._first(self.clean, runs[0]), self._first(self.noisy[sigma], runs[1])
         self._charge(members, [*clean, *noisy])
-        return _errors(self.bank, self.sequence, members, clean, noisy)
+        return run_errors(self.bank, self.sequence, members, clean, noisy)
 
     def clean_pairs(self, members: Sequence[int], k: int) -> FloatArray:
         """Return errors of clean runs against each other, (members, pairs), and charge the runs."""
@@ -186,7 +186,7 @@ class Others:
             found = self._block(sequence)
             clean, noisy = found.clean[: runs[0]].tolist(), found.noisy[SIGMAS[0]][: runs[1]].tolist()
             members = range(found.configurations)
-            ratios = paired_ratios(_errors(self.bank, sequence, members, clean, noisy))
+            ratios = paired_ratios(run_errors(self.bank, sequence, members, clean, noisy))
             padded = np.full(len(self.bank.labels), np.nan)
             padded[: found.configurations] = ratios
             rows.append(padded)
@@ -252,9 +252,10 @@ def aggregated(tables: FloatArray, aggregate: Aggregate) -> FloatArray:
     return aggregate_last_axis(tables.reshape(len(tables), -1), aggregate)
 
 
-def _errors(
+def run_errors(
     bank: Bank, sequence: int, members: Sequence[int], clean: Sequence[int], noisy: Sequence[int]
 ) -> FloatArray:
+    """Return errors of noisy against clean runs, (members, k, k_delta); 1 where a run failed."""
     return _filled(bank.pairs[sequence][np.ix_(list(members), list(clean), list(noisy))])
 
 

@@ -243,7 +243,7 @@ def _hand_over(study: "OpenStudy", found: "Recommendation", folder: Path, ends: 
     if not makes_models(study.definition.pipeline.name):
         hand_over_trajectories(folder, configurations, _clean_trajectories(study, found))
         return
-    workshop = Workshop(used, study.pipeline, say)
+    workshop = Workshop(used, study.pipeline, say, study=study.definition.name)
     written = hand_over(folder, workshop, configurations, check_until=ends - AROUND_S)
     models = {"nominal": written.nominal.model, "adopted": written.adopted, "unconfirmed": written.unconfirmed}
     for name, model in models.items():
@@ -272,8 +272,8 @@ def _clean_trajectories(study: "OpenStudy", found: "Recommendation") -> "dict[st
 
 
 def _report(database: "Database", name: str, folder: Path) -> None:
-    from gtf_tune.cli.study.report import snippets
+    from gtf_tune.cli.study.report import extras
     from gtf_tune.report.build import write_report
     from gtf_tune.report.definition import ReportDefinition
 
-    write_report(folder / "report.html", database, name, ReportDefinition(), snippets(database, name))
+    write_report(folder / "report.html", database, name, ReportDefinition(), extras(database, name, folder))

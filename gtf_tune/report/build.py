@@ -1,12 +1,15 @@
 """The report of a study, built from the database."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from gtf_tune.display import count
 from gtf_tune.errors import DefinitionError
 from gtf_tune.report.aligned_runs import ConfigurationRuns, read_configuration
+from gtf_tune.report.calibration import PIPELINE, cases, error_sentence
 from gtf_tune.report.definition import PanelChoice, ReportDefinition
 from gtf_tune.report.html import PageHead, Section, render_page
 from gtf_tune.report.panels.base import ReportInput
@@ -18,29 +21,39 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.runs import log
 from gtf_tune.version import __version__
 
+if TYPE_CHECKING:
+    from gtf_tune.pipelines.colmap.clouds import SparseCloud
 
-def build_report(
-    database: Database, study_name: str, definition: ReportDefinition, snippets: Mapping[str, str] | None = None
-) -> str:
-    """Return the report of a study as one HTML page that works offline.
+
+@dataclass(frozen=True)
+class Extras:
+    """What a report shows besides the study.
 
     ``snippets`` are texts that the reader may copy, by their label: the picked options in the forms that tools read.
+    ``models`` are sparse models by their titles, nominal first.
+    """
+
+    snippets: Mapping[str, str] = field(default_factory=dict)
+    models: "Mapping[str, SparseCloud]" = field(default_factory=dict)
+
+
+NO_EXTRAS = Extras()
+
+
+def build_report(database: Database, study_name: str, definition: ReportDefinition, extras: Extras = NO_EXTRAS) -> str:
+    """Return the report of a study as one HTML page that works offline.
 
     Raises
     ------
     StorageError
         There is no such study, or what is stored is damaged.
     """
-    report = read_input(database, study_name, definition, snippets)
+    report = read_input(database, study_name, definition, extras)
     return render_page(_head(report.data, definition.title), build_sections(report, definition))
 
 
 def write_report(
-    path: Path,
-    database: Database,
-    study_name: str,
-    definition: ReportDefinition,
-    snippets: Mapping[str, str] | None = None,
+    path: Path, database: Database, study_name: str, definition: ReportDefinition, extras: Extras = NO_EXTRAS
 ) -> None:
     """Write the report of a study to a file; see `build_report`.
 
@@ -51,7 +64,7 @@ def write_report(
     DefinitionError
         The file cannot be written.
     """
-    page = build_report(database, study_name, definition, snippets)
+    page = build_report(database, study_name, definition, extras)
     try:
         path.write_text(page, encoding="utf-8", errors="backslashreplace")  # names of folders may be no UTF-8
     except OSError as error:
@@ -59,7 +72,7 @@ def write_report(
 
 
 def read_input(
-    database: Database, study_name: str, definition: ReportDefinition, snippets: Mapping[str, str] | None = None
+    database: Database, study_name: str, definition: ReportDefinition, extras: Extras = NO_EXTRAS
 ) -> ReportInput:
     """Return all that the report of a study shows."""
     data = read_study(database, study_name)
@@ -67,15 +80,17 @@ def read_input(
     return ReportInput(
         data=data,
         lengths=definition.lengths,
-        snippets=dict(snippets or {}),
+        snippets=extras.snippets,
         configurations=read_configurations(database, data),
         logs={failure.example_key: log(database, failure.example_key) for failure in failures},
+        expected_error=_expected_error(data),
+        models=extras.models,
     )
 
 
 def build_sections(report: ReportInput, definition: ReportDefinition) -> list[Section]:
-    """Return the panels of a report, in the order of its definition."""
-    return [_section(choice, report) for choice in definition.panels]
+    """Return the panels of a report that have something to show, in the order of its definition."""
+    return [section for choice in definition.panels if (section := _section(choice, report)).blocks]
 
 
 def read_configurations(database: Database, data: StudyData) -> dict[str, tuple[ConfigurationRuns, ...]]:
@@ -86,6 +101,13 @@ def read_configurations(database: Database, data: StudyData) -> dict[str, tuple[
     names = [sequence.name for sequence in data.sequences]
     found = {name: tuple(runs[name] for runs in by_trial if name in runs) for name in names}
     return {name: configurations for name, configurations in found.items() if configurations}
+
+
+def _expected_error(data: StudyData) -> str:
+    """Return what the improvement means for the true error by sequences whose ground truth is known, if anything."""
+    found = data.recommendation
+    is_measured = data.definition.pipeline.name == PIPELINE and data.definition.gtf.metric == "ate"
+    return error_sentence(-found.improvement.value, cases()) if is_measured and found.improvement.is_known else ""
 
 
 def _section(choice: PanelChoice, report: ReportInput) -> Section:

@@ -29,16 +29,32 @@
     }
     return JSON.parse(text);
   };
-  const show = (plot) => {
+  const show = async (plot) => {
     plot.dataset.drawn = "yes";
     const spec = specOf(plot);
-    return Plotly.react(plot, spec.data, { ...spec.layout, autosize: true }, {
+    const drawn = await Plotly.react(plot, spec.data, { ...spec.layout, autosize: true }, {
       responsive: true,
       displaylogo: false,
       displayModeBar: window.matchMedia("(min-width: 700px)").matches ? "hover" : false,
       modeBarButtons: spec.layout.scene ? buttonsOfScenes : buttonsOfPlots,
       toImageButtonOptions: { format: "svg", filename: plot.id },
     });
+    if (isLinked(plot) && !plot.dataset.turns) {
+      plot.dataset.turns = "yes";
+      plot.on("plotly_relayout", (change) => turnOthers(plot, change));
+    }
+    return drawn;
+  };
+  // Scenes that are linked turn together.
+  const isLinked = (plot) => plot.layout && plot.layout.meta === "linked";
+  let isTurning = false;
+  const turnOthers = async (plot, change) => {
+    const camera = change["scene.camera"];
+    if (!camera || isTurning) return;
+    isTurning = true;
+    const others = plots.filter((other) => other !== plot && isLinked(other));
+    await Promise.all(others.map((other) => Plotly.relayout(other, { "scene.camera": camera })));
+    isTurning = false;
   };
   const showOnce = (plot) => { if (!plot.dataset.drawn) show(plot); };
 

@@ -78,8 +78,20 @@ def test_without_known_images_the_script_takes_their_folder_as_an_argument(tmp_p
     assert found["sequential_matcher"]["--SequentialMatching.vocab_tree_path"] == "/my trees/a.bin"
     assert found["view_graph_calibrator"]["--max_calibration_error"] == "1.0"
     assert "# only where the intrinsics are unknown" in text
+    assert "# only where" not in colmap_shell_script("glomap", None, settings, options, "unknown")
     refused = subprocess.run(["sh", "-c", text], check=False, cwd=tmp_path, capture_output=True, text=True)
     assert "give the folder of the images" in refused.stderr
+
+
+def test_intrinsics_that_a_study_knows_are_given_and_nothing_calibrates_them() -> None:
+    known = commands(colmap_shell_script("glomap", None, {}, {}, "PINHOLE 500.0 501.0 320.0 240.0"))
+    elsewhere = colmap_shell_script("glomap", None, {}, {}, "known")
+
+    assert known["feature_extractor"]["--ImageReader.camera_model"] == "PINHOLE"
+    assert known["feature_extractor"]["--ImageReader.camera_params"] == "500.0,501.0,320.0,240.0"
+    assert "view_graph_calibrator" not in known
+    assert "view_graph_calibrator" not in commands(elsewhere)
+    assert "# the intrinsics are known; give those of the images at full size" in elsewhere
 
 
 def test_flags_of_the_hierarchical_pipeline_go_to_its_own_command() -> None:

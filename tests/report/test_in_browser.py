@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from gtf_tune.report.build import write_report
+from gtf_tune.report.build import Extras, write_report
 from gtf_tune.report.dashboard.server import DashboardServer
 from gtf_tune.report.dashboard.sync import DashboardSync
 from gtf_tune.report.definition import ReportDefinition
@@ -92,7 +92,7 @@ def shown(
     width, flags = request.param
     folder = tmp_path_factory.mktemp("report")
     path = folder / "report.html"
-    write_report(path, database, "synthetic", ReportDefinition(), {"options.json": "{}"})
+    write_report(path, database, "synthetic", ReportDefinition(), Extras({"options.json": "{}"}))
     if AXE.exists():
         script = f"<script>{AXE.read_text(encoding='utf-8')}\n{RUN_AXE}</script></body>"
         path.write_text(path.read_text(encoding="utf-8").replace("</body>", script), encoding="utf-8")

@@ -69,7 +69,9 @@ def export(
     if format_ == "tum":
         _write_trajectories(database, chosen, output or Path(f"{name}-trial-{chosen.number}"))
         return
-    text = export_module.options_text(format_, stored_definition(study), chosen.options or {})
+    definition = stored_definition(study)
+    camera = export_module.common_camera(definition, studies.sequences(database, study.id))
+    text = export_module.options_text(format_, definition, chosen.options or {}, camera)
     _deliver(text, output)
 
 

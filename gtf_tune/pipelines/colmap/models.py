@@ -56,7 +56,7 @@ def read_model(folder: Path, frames: Mapping[str, tuple[int, float]]) -> SparseM
     RunError
         The model cannot be read, or holds images of other names.
     """
-    model = _read(folder)
+    model = read_reconstruction(folder)
     poses = {
         model.images[image_id].name: model.images[image_id].cam_from_world().inverse()
         for image_id in model.reg_image_ids()
@@ -94,7 +94,7 @@ def transforms_json(folder: Path, images: Path) -> str:
     RunError
         The model cannot be read, or its camera model is unknown to nerfstudio.
     """
-    model = _read(folder)
+    model = read_reconstruction(folder)
     registered = sorted((model.images[image_id] for image_id in model.reg_image_ids()), key=lambda one: str(one.name))
     used = {image.camera_id: _intrinsics(model.cameras[image.camera_id]) for image in registered}
     frames = []
@@ -121,7 +121,14 @@ def _intrinsics(camera: Any) -> dict[str, Any]:
     return {"camera_model": _NERFSTUDIO_MODELS[name], "w": int(camera.width), "h": int(camera.height), **found}
 
 
-def _read(folder: Path) -> Any:
+def read_reconstruction(folder: Path) -> Any:
+    """Return a model in COLMAP's format as pycolmap's object.
+
+    Raises
+    ------
+    RunError
+        The model cannot be read.
+    """
     try:
         return pycolmap.Reconstruction(folder)
     except (RuntimeError, ValueError, OSError) as error:

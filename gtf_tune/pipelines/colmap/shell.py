@@ -27,6 +27,9 @@ images=${1:?give the folder of the images}
 out=${2:-sparse-colmap}
 mkdir -p "$out"
 """
+UNKNOWN = "unknown"
+KNOWN = "known"
+_GIVE_KNOWN = "# the intrinsics are known; give those of the images at full size as --ImageReader.camera_params\n"
 _WHEN_UNKNOWN = "# only where the intrinsics are unknown; give known ones as --ImageReader.camera_params\n"
 
 
@@ -35,15 +38,18 @@ def colmap_shell_script(
     photographs: Photographs | None,
     settings: Mapping[str, object],
     options: Mapping[str, OptionValue],
+    camera: str = "",
 ) -> str:
     """Return the text of ``run.sh``: COLMAP's commands in running order, with all paths.
 
     It reads ``images.txt`` beside it, or the list of each of several cameras; without ``photographs`` it takes the
-    folder of the images as an argument. Options that the command line cannot set are named in comments;
+    folder of the images as an argument, and ``camera`` is the one that took them: a model and its parameters,
+    `UNKNOWN`, `KNOWN` where the parameters cannot be given here, or nothing where the images may be of any camera.
+    Options that the command line cannot set are named in comments;
     `pycolmap_script` sets them too.
     """
     pairing = str(settings.get("pairing", "exhaustive"))
-    known = photographs is not None and photographs.intrinsics_known
+    known = photographs.intrinsics_known if photographs else camera not in ("", UNKNOWN)
     commands = [name for name in commands_of(pipeline, pairing) if name != _CALIBRATOR or not known]
     flags: dict[str, list[str]] = {name: [] for name in commands}
     for flag, value in (*_from_settings(settings), *_options(pipeline, options)):
@@ -52,8 +58,9 @@ def colmap_shell_script(
             flags[command].append(f"--{flag} {shlex.quote(value)}")
     lines: list[str] = []
     for name, given in flags.items():
-        before = _WHEN_UNKNOWN * (name == _CALIBRATOR and photographs is None)
-        for images in _cameras(photographs, settings) if name == _EXTRACTOR else [[]]:
+        before = _WHEN_UNKNOWN * (name == _CALIBRATOR and photographs is None and not camera)
+        before += _GIVE_KNOWN * (name == _EXTRACTOR and photographs is None and camera == KNOWN)
+        for images in _cameras(photographs, settings, camera) if name == _EXTRACTOR else [[]]:
             words = (f"colmap {name}", *_paths(name, photographs), *images, *given)
             lines.append(before + " \\\n    ".join(words))
     missing = [name for name in options if flag_of(pipeline, name) is None]
@@ -71,13 +78,21 @@ def _paths(command: str, photographs: Photographs | None) -> list[str]:
     return paths
 
 
-def _cameras(photographs: Photographs | None, settings: Mapping[str, object]) -> Iterator[list[str]]:
+def _cameras(photographs: Photographs | None, settings: Mapping[str, object], text: str) -> Iterator[list[str]]:
     """Yield the arguments by which features are found in the images of each camera."""
-    usual = str(settings.get("camera_model", "SIMPLE_RADIAL"))
-    for file, (camera, _) in photographs.lists.items() if photographs else [("", (None, []))]:
-        given = [f"--image_list_path {file}"] if file else []
-        given += ["--ImageReader.single_camera 1", f"--ImageReader.camera_model {camera.model if camera else usual}"]
-        yield [*given, *([f"--ImageReader.camera_params {','.join(map(repr, camera.params))}"] if camera else [])]
+    if photographs is None:
+        model, *params = text.split() if text not in ("", UNKNOWN, KNOWN) else [""]
+        yield _camera(model, params, settings)
+        return
+    for file, (camera, _) in photographs.lists.items():
+        model, params = (camera.model, [repr(value) for value in camera.params]) if camera else ("", [])
+        yield [f"--image_list_path {file}", *_camera(model, params, settings)]
+
+
+def _camera(model: str, params: list[str], settings: Mapping[str, object]) -> list[str]:
+    chosen = model or str(settings.get("camera_model", "SIMPLE_RADIAL"))
+    given = [f"--ImageReader.camera_params {','.join(params)}"] if params else []
+    return ["--ImageReader.single_camera 1", f"--ImageReader.camera_model {shlex.quote(chosen)}", *given]
 
 
 def _from_settings(settings: Mapping[str, object]) -> Iterator[tuple[str, str]]:

@@ -22,7 +22,7 @@ from gtf_tune.store.database.errors import storage_error
 from gtf_tune.store.optuna.link import linked
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.study.events import Event, TrialFinished
-from gtf_tune.study.outcome.export import FILE_NAMES, options_files
+from gtf_tune.study.outcome.export import FILE_NAMES, common_camera, options_files
 from gtf_tune.version import __version__
 
 REFRESH_S = 60.0
@@ -193,8 +193,8 @@ class DashboardSync:
 
 def _study_files(data: StudyData) -> list[Attachment]:
     """Return the table of trials, and the options to use in the forms that users paste, where there are any."""
-    trial = data.recommendation.trial
-    exported = options_files(data.definition, trial.options or {}) if trial else {}
+    trial, camera = data.recommendation.trial, common_camera(data.definition, (*data.sequences, *data.holdouts))
+    exported = options_files(data.definition, trial.options or {}, camera) if trial else {}
     files = [Attachment(name, "text/plain", content.encode()) for name, content in exported.items()]
     return [notes.trial_table(data), *files]
 

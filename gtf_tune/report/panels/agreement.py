@@ -107,9 +107,9 @@ def merit_text(found: Agreement) -> str:
 
 
 def agreement_panel(report: ReportInput) -> list[Block]:
-    """Return the score and the reprojection error against ground truth and against each other, as far as known."""
+    """Return the score and the reprojection error against ground truth and each other; nothing without ground truth."""
     if not report.data.validations:
-        return [markup.missing("Unknown: the study has no ground truth to compare the score with.")]
+        return []
     blocks: list[Block] = []
     for points in point_sets(report.data):
         blocks.extend(_agreements(points, is_one_of_several=report.data.has_several_sequences))
@@ -216,10 +216,8 @@ def _reprojection(point: TrialPoint) -> float:
     return point.reprojection_px
 
 
-def _lead(data: StudyData) -> str:
-    if not data.validations:
-        return ""
-    return "One point per feasible trial. A good score orders the trials as their true errors do (Spearman near 1)."
-
-
-PANEL = Panel("Does the score tell the truth?", agreement_panel, _lead)
+PANEL = Panel(
+    "Does the score tell the truth?",
+    agreement_panel,
+    "One point per feasible trial. A good score orders the trials as their true errors do (Spearman near 1).",
+)

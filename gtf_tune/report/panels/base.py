@@ -2,11 +2,14 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gtf_tune.report.aligned_runs import ConfigurationRuns
 from gtf_tune.report.drawing.markup import Html
 from gtf_tune.report.study_data import StudyData
+
+if TYPE_CHECKING:
+    from gtf_tune.pipelines.colmap.clouds import SparseCloud
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +43,8 @@ class ReportInput:
 
     ``snippets`` are texts to copy, by their label. ``configurations`` are the runs of nominal and of the recommended
     configuration, else of the best one, by sequence, in this order as far as they exist; ``logs`` are the logs of
-    failed runs by their keys.
+    failed runs by their keys. ``expected_error`` is a sentence on what the improvement means for the true error;
+    ``models`` are the sparse models that were made, by their titles, nominal first.
     """
 
     data: StudyData
@@ -48,6 +52,8 @@ class ReportInput:
     snippets: Mapping[str, str] = field(default_factory=dict)
     configurations: Mapping[str, tuple[ConfigurationRuns, ...]] = field(default_factory=dict)
     logs: Mapping[str, str] = field(default_factory=dict)
+    expected_error: str = ""
+    models: "Mapping[str, SparseCloud]" = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

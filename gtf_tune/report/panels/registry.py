@@ -6,6 +6,7 @@ from gtf_tune.report.panels.base import Panel
 
 KINDS = (
     "verdict",
+    "models",
     "options",
     "agreement",
     "trajectories",

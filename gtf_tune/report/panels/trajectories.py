@@ -21,7 +21,7 @@ _SURROUNDINGS_PX, _LOWEST_PX, _HIGHEST_PX = 135, 250, 640
 _SCENE_PX = 500
 _SIDE = {"title": {"text": ""}, "gridcolor": theme.GRID, "showbackground": False, "zeroline": False, "nticks": 5}
 _LABELLED_SHARE = 0.25
-_EYE = {"x": 0.7, "y": -1.0, "z": 0.7}
+_EYE = {"x": 0.5, "y": -0.75, "z": 0.5}
 _CLEAN = {"color": "rgb(110,120,130)", "width": 2}
 # Browsers keep at most 8 to 16 WebGL scenes of a page alive; each sequence takes two.
 _MOST_SCENES = 4

@@ -87,7 +87,7 @@ def verdict_panel(report: ReportInput) -> list[Block]:
     data = report.data
     facts = verdict_facts(data)
     found = facts.recommendation
-    blocks: list[Html] = [_headline(data, facts), _key_numbers(data, facts, study_cost(data))]
+    blocks: list[Html] = [_headline(report, facts), _key_numbers(data, facts, study_cost(data))]
     if found.trial is not None and facts.changes and len(_changed(facts)) not in (len(facts.changes), 0):
         name = f"trial {found.trial.number}" if found.trial.number >= 0 else "recommended"
         blocks.append(_option_table(facts.changes, name))
@@ -134,8 +134,8 @@ def _next(data: StudyData, facts: VerdictFacts) -> list[str]:
     return ["Next: create a study whose nominal options work."] if step == "new study" else []
 
 
-def _headline(data: StudyData, facts: VerdictFacts) -> Html:
-    """Return what to do, what changes in values, how much less the trajectory moves, and why."""
+def _headline(report: ReportInput, facts: VerdictFacts) -> Html:
+    """Return what to do, what changes in values, how much less the trajectory moves, what that means, and why."""
     found = facts.recommendation
     parts = [markup.element("h3", markup.text(found.headline))]
     changed = _changed(facts)
@@ -146,7 +146,8 @@ def _headline(data: StudyData, facts: VerdictFacts) -> Html:
         parts.append(markup.element("ul", *lines, class_="changes"))
         effect = effect_sentence(found.improvement)
         parts += [markup.paragraph(effect, "effect")] if effect else []
-    parts += [markup.paragraph(sentence) for sentence in verdict_sentences(data, facts)]
+        parts += [markup.paragraph(report.expected_error)] if report.expected_error else []
+    parts += [markup.paragraph(sentence) for sentence in verdict_sentences(report.data, facts)]
     return markup.element("div", *parts, class_=f"verdict {found.decision.replace(' ', '-')}")
 
 

@@ -10,7 +10,8 @@ from types import MappingProxyType
 from gtf_tune.definition import StudyDefinition
 from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import OptionValue, option_text
-from gtf_tune.pipelines.colmap.shell import colmap_shell_script
+from gtf_tune.pipelines.colmap.shell import KNOWN, UNKNOWN, colmap_shell_script
+from gtf_tune.store.studies import StudySequence
 
 _COLMAP_FORMATS = ("colmap", "colmap-cli")
 _OTHER_FORMATS = ("json", "csv", "tum")
@@ -58,8 +59,12 @@ def _cell(value: object) -> str:
     return "" if value is None else option_text(value)
 
 
-def options_text(format_: str, definition: StudyDefinition, searched: Mapping[str, OptionValue]) -> str:
+def options_text(
+    format_: str, definition: StudyDefinition, searched: Mapping[str, OptionValue], camera: str = ""
+) -> str:
     """Return the options of a trial, fixed ones included, as ``json`` or as COLMAP's commands (``colmap-cli``).
+
+    ``camera`` is that of the images, as `common_camera` says it.
 
     Raises
     ------
@@ -70,7 +75,7 @@ def options_text(format_: str, definition: StudyDefinition, searched: Mapping[st
     options = {**definition.fixed_options, **searched}
     if format_ in _COLMAP_FORMATS:
         check_format(format_, pipeline.name)
-        return colmap_shell_script(pipeline.name, None, pipeline.settings, options)
+        return colmap_shell_script(pipeline.name, None, pipeline.settings, options, camera)
     return option_json(options)
 
 
@@ -80,7 +85,18 @@ def check_format(format_: str, pipeline: str) -> None:
         raise DefinitionError(f"pipeline '{pipeline}' is not COLMAP's; export JSON or CSV", remedy=("format",))
 
 
-def options_files(definition: StudyDefinition, searched: Mapping[str, OptionValue]) -> dict[str, str]:
+def options_files(definition: StudyDefinition, searched: Mapping[str, OptionValue], camera: str = "") -> dict[str, str]:
     """Return the options of a trial in every form that its pipeline's users paste, content by file name."""
-    known = formats_of(definition.pipeline.name)
-    return {name: options_text(format_, definition, searched) for name, format_ in _FILES.items() if format_ in known}
+    known = [(name, format_) for name, format_ in _FILES.items() if format_ in formats_of(definition.pipeline.name)]
+    return {name: options_text(format_, definition, searched, camera) for name, format_ in known}
+
+
+def common_camera(definition: StudyDefinition, sequences: Sequence[StudySequence]) -> str:
+    """Return the camera of all images of a study as `colmap_shell_script` takes it; nothing where they differ."""
+    found = {sequence.camera for sequence in sequences}
+    if found == {UNKNOWN}:
+        return UNKNOWN
+    if UNKNOWN in found or any(len(sequence.info.get("cameras", ())) > 1 for sequence in sequences):
+        return ""
+    is_reduced = any(sequence.max_image_size is not None for sequence in definition.sequences)
+    return found.pop() if len(found) == 1 and not is_reduced else KNOWN

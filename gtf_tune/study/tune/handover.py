@@ -250,6 +250,17 @@ def hand_over_trajectories(
         write_text(work / MARK, "{}\n")
 
 
+def model_folders(folder: Path, study: str) -> dict[str, Path]:
+    """Return the models that were handed over for a study, by what they are, nominal first; none where others lie."""
+    if not (folder / MARK).is_file() or json.loads((folder / MARK).read_text() or "{}").get("study") != study:
+        return {}
+    found = {"nominal options": folder / "sparse-nominal" / "0"}
+    if (folder / "options.json").read_bytes() != (folder / "options-nominal.json").read_bytes():
+        found["adopted options"] = folder / "sparse" / "0"
+    found["best trial, not confirmed"] = folder / UNCONFIRMED_MODEL / "0"
+    return {title: model for title, model in found.items() if model.is_dir()}
+
+
 def makes_models(pipeline: str) -> bool:
     """Whether a pipeline is COLMAP's, so that models can be handed over."""
     return pipeline in ("glomap", "colmap", "colmap-hierarchical")

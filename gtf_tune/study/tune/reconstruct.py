@@ -44,13 +44,17 @@ class TooSlow(RunError):
 
 @dataclass
 class Workshop:
-    """Make models of one sequence in a folder that is not handed over yet; ``timeout_s`` bounds each of them."""
+    """Make models of one sequence in a folder that is not handed over yet; ``timeout_s`` bounds each of them.
+
+    ``study`` is the study that they are made for.
+    """
 
     sequence: Sequence
     pipeline: Pipeline
     announce: Callable[[str], None] = lambda _: None
     timeout_s: float | None = None
     mark: dict[str, str] = field(default_factory=dict)
+    study: str = ""
 
     def nominal(self, work: Path, folder: Path, options: Mapping[str, OptionValue]) -> Reconstructed:
         """Return the nominal model: that of an earlier handover where it is the same, else a new one."""
@@ -59,7 +63,8 @@ class Workshop:
         scripts = [work / "run.py", *sorted(work.glob("images*.txt")), work / "options-nominal.json"]
         made_by = [path.read_text(encoding="utf-8", errors="surrogateescape") for path in scripts]
         key = hashlib.sha256("\0".join(made_by).encode(errors="surrogateescape")).hexdigest()
-        self.mark = {"sequence": self.sequence.name, "pipeline": self.pipeline.name, "nominal": key}
+        made_for = {"study": self.study, "sequence": self.sequence.name, "pipeline": self.pipeline.name}
+        self.mark = {**made_for, "nominal": key}
         known = json.loads((folder / MARK).read_text() or "{}") if (folder / MARK).is_file() else {}
         if known.get("nominal") != key or not (folder / "sparse-nominal" / "0").is_dir():
             self.announce(f"reconstructing {len(self.sequence)} images with the nominal options")
