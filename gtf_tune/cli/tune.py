@@ -42,6 +42,8 @@ Source = Annotated[
     ),
 ]
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v")
+_LATE_S = 30.0
+"""How much later than planned the last reconstruction may end before it is given up."""
 FRAMES_HZ = 2.0
 """Frames a second that are taken from a video; 'gtf-tune sequence extract' takes others."""
 Minutes = Annotated[float, typer.Option("--minutes", "-m", min=0.1, max=1e6, help="Wall time for everything.")]
@@ -77,6 +79,9 @@ def tune(
     Example: gtf-tune tune photos/ --minutes 30
     """
     from gtf_tune.study.open_study import open_study
+    from gtf_tune.study.outcome.recommendation import NOTHING_FEASIBLE
+    from gtf_tune.study.runs.plan import kept_runs
+    from gtf_tune.study.tune.budget import Reduction
     from gtf_tune.study.tune.handover import check_output, makes_models
 
     ends = time.monotonic() + 60 * minutes
@@ -95,6 +100,8 @@ def tune(
     folder = output or given.absolute().with_name(f"{given.stem}-tuned")
     check_output(folder)
     tuning = _begin(database, request, (folder, ends), cache_dir, new=new)
+    if tuning is None:
+        return
     _say_plan(tuning.plan)
     study = open_study(database, tuning.name)
     found = _tune_through(study, tuning, request, cache_dir, ends)
@@ -102,8 +109,13 @@ def tune(
     _report(database, tuning.name, folder)
     write_line("")
     write_line(found.text)
+    if found.decision == NOTHING_FEASIBLE and tuning.plan.reduction != Reduction():
+        write_line("The search used fewer or smaller images for want of time; give more minutes for all of them.")
     write_line(f"{folder}: models, scripts that make them, trajectory, report; README.txt says what is what")
     took = duration(60 * minutes - (ends - time.monotonic()))
+    kept = kept_runs(database, study.record).text
+    if kept:
+        say(f"{kept}; the same command with more minutes goes on")
     say(f"it took {took}; see: gtf-tune study show {tuning.name}{storage_flag(database)}")
 
 
@@ -185,13 +197,18 @@ def _request(source: Path, minutes: float, jobs: int, preset: str, sections: dic
 
 def _begin(
     database: "Database", request: "TuneRequest", place: tuple[Path, float], cache_dir: Path | None, *, new: bool
-) -> "Tuning":
-    """Return the study of these images, begun now or before; ``place`` is the folder of the outcome, and the end."""
+) -> "Tuning | None":
+    """Return the study of these images, begun now or before; None where the time buys no comparison, which is said.
+
+    ``place`` is the folder of the outcome, and the end.
+    """
     from gtf_tune.definition.model import LimitsDefinition
     from gtf_tune.errors import RunError
     from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
-    from gtf_tune.study.runs.stop import StopRequest, signals_to
+    from gtf_tune.study.runs.stop import StopRequest, signals_to, stopped_in_time
+    from gtf_tune.study.tune.choice import TooLittleTime
     from gtf_tune.study.tune.estimate import Beginning
+    from gtf_tune.study.tune.reconstruct import TooSlow
     from gtf_tune.study.tune.start import begin_tuning, known_tuning
 
     folder, ends = place
@@ -200,25 +217,46 @@ def _begin(
         say(f"going on with study '{known.name}'; --new begins another one")
         return known
     say("estimate: timing a run with the nominal options")
-    stop = StopRequest()
-    with signals_to(stop, say), make_executor(request.jobs, cache_dir) as executor:
-        source = RunSource(database, executor, run_limits(LimitsDefinition()), stop)
+    stop, minutes = StopRequest(), f"{round(request.minutes, 1):g} minutes"
+    clock = StopRequest(stop)
+
+    def left_s() -> float:
+        return ends - time.monotonic()
+
+    with signals_to(stop, say), make_executor(request.jobs, cache_dir) as executor, stopped_in_time(clock, left_s):
+        source = RunSource(database, executor, run_limits(LimitsDefinition()), clock)
         try:
-            tuning = begin_tuning(database, request, Beginning(source, folder, lambda: ends - time.monotonic(), say))
-        except (Interrupted, RunError):
-            if not stop.level:
+            tuning = begin_tuning(database, request, Beginning(source, folder, left_s, say))
+        except (Interrupted, RunError) as error:
+            if stop.level:
+                say("stopped while timing; the runs that have ended are stored, and the same command goes on from them")
+                raise typer.Exit(INTERRUPTED_EXIT_CODE) from None
+            if not clock.level and not isinstance(error, TooSlow):
                 raise
-            say("stopped while timing; the same command begins again")
-            raise typer.Exit(INTERRUPTED_EXIT_CODE) from None
+            raise RunError(
+                f"{minutes} are over before the first run and the nominal reconstruction have ended; the same command "
+                "with more minutes goes on from what is stored"
+            ) from error
+    if isinstance(tuning, TooLittleTime):
+        write_line(
+            f"Nothing was compared: {minutes} buy the nominal reconstruction only; to compare anything on these images "
+            f"needs about {tuning.minutes} minutes."
+        )
+        write_line(f"{folder}: the outcome with the nominal options; README.txt says what is what")
+        say(f"it took {duration(60 * request.minutes - left_s())}; the same command with more minutes goes on from it")
+        return None
     say(f"created study '{tuning.name}'")
     return tuning
 
 
 def _say_plan(plan: "Plan") -> None:
+    from gtf_tune.display import count
+
     confirmation = "no time to confirm"
     if plan.confirmation_runs:
         confirmation = f"a confirmation with {plan.confirmation_runs} noisy runs"
-    say(f"plan: {plan.trials} trials, {confirmation}, another reconstruction; about {duration(plan.seconds)} in all")
+    trials = f"{plan.trials} trials with {count(plan.noisy, 'noisy run')} each"
+    say(f"plan: {trials}, {confirmation}, another reconstruction; about {duration(plan.seconds)} in all")
 
 
 def _say_first_verdict(study: "OpenStudy", announce: "Callable[[str], None]", event: "Event") -> None:
@@ -243,7 +281,8 @@ def _hand_over(study: "OpenStudy", found: "Recommendation", folder: Path, ends: 
     if not makes_models(study.definition.pipeline.name):
         hand_over_trajectories(folder, configurations, _clean_trajectories(study, found))
         return
-    workshop = Workshop(used, study.pipeline, say, study=study.definition.name)
+    timeout_s = max(ends - time.monotonic(), 0.0) + _LATE_S
+    workshop = Workshop(used, study.pipeline, say, timeout_s, study=study.definition.name)
     written = hand_over(folder, workshop, configurations, check_until=ends - AROUND_S)
     models = {"nominal": written.nominal.model, "adopted": written.adopted, "unconfirmed": written.unconfirmed}
     for name, model in models.items():

@@ -82,7 +82,7 @@ def _pair(key: str) -> tuple[int, int]:
     return int(first), int(second)
 
 
-PointState = Literal["feasible", "infeasible", "pruned", "failed", "running"]
+PointState = Literal["feasible", "infeasible", "pruned", "failed", "running", "interrupted", "waiting"]
 _REPROJECTION = "mean_reprojection_error_px"
 
 
@@ -107,6 +107,11 @@ class TrialPoint:
     noisy_runs: int = 0
     wall_s: float = math.nan
     message: str = ""
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the trial has ended in any way."""
+        return self.state not in ("running", "interrupted", "waiting")
 
     @property
     def is_scored(self) -> bool:
@@ -181,8 +186,8 @@ def point_sets(data: StudyData) -> list[PointSet]:
 
 def state_of(trial: Trial) -> PointState:
     """Return how a trial ended, in one word."""
-    if trial.state == "claimed":
-        return "running"
+    if trial.unfinished:
+        return trial.unfinished
     if trial.state == "complete":
         return "feasible" if trial.feasible else "infeasible"
     return "pruned" if trial.state == "pruned" else "failed"

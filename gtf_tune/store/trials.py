@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from sqlalchemy import Executable, Select, String, Text, case, cast, func, select, type_coerce
 
@@ -47,6 +47,15 @@ class Trial:
     started_at: float
     finished_at: float | None
     message: str
+
+    @property
+    def unfinished(self) -> Literal["running", "interrupted", "waiting", ""]:
+        """Return what is the matter with a trial that has not ended, in one word; empty for one that has."""
+        if self.state != "claimed":
+            return ""
+        if self.heartbeat_at is not None:
+            return "running"
+        return "interrupted" if self.attempts else "waiting"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields by the names that are stored and printed, where the number is called ``ordinal``."""

@@ -7,6 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from gtf_tune.study.tune import start
+from gtf_tune.study.tune.choice import TooLittleTime
+from gtf_tune.study.tune.pace import Pace
 from tests.cli.conftest import Cli
 
 DEFINITION = """
@@ -62,15 +65,35 @@ def test_calling_tune_again_goes_on_and_new_begins_another_study(cli: Cli, slam:
     assert {line.split()[0] for line in cli("study", "list").out.splitlines()[1:]} == {"slam", "slam-2"}
 
 
-def test_too_few_minutes_for_all_first_configurations_are_no_error(cli: Cli, slam: Path) -> None:
-    first = "".join(f'\n[[search.first]]\n"filter.max_error" = {0.002 * number}\n' for number in range(1, 8))
-    slam.write_text(DEFINITION + first)
-
-    done = cli("tune", "slam.toml", "--minutes", "0.1", "--jobs", "1")
+def test_minutes_that_buy_no_comparison_leave_nominal_and_say_how_many_would(
+    cli: Cli, slam: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(start, "choose", lambda *_: TooLittleTime(needed_s=700.0))
+        done = cli(*TUNE)
 
     assert done.code == 0, done.err
-    assert "no time to confirm" in done.err
-    assert "NOMINAL options." in slam.with_name("slam-tuned").joinpath("README.txt").read_text()
+    assert done.out.startswith("Nothing was compared: 2 minutes buy the nominal reconstruction only; ")
+    assert "to compare anything on these images needs about 12 minutes." in done.out
+    folder = slam.with_name("slam-tuned")
+    assert (folder / "trajectory.txt").read_text() == (folder / "trajectory-nominal.txt").read_text()
+    assert "NOMINAL options (tuning has not ended)." in (folder / "README.txt").read_text()
+    assert cli("study", "list").out == ""
+
+
+def test_a_search_that_the_clock_stops_ends_with_nominal_and_goes_on_when_called_again(
+    cli: Cli, slam: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patch:
+        patch.setattr(Pace, "trial_is_hopeless", property(lambda pace: pace.done == 1 and pace._runs == 1))
+        stopped = cli(*TUNE)
+    again = cli(*TUNE)
+
+    assert stopped.code == 0, stopped.err
+    assert "Keep the nominal options so far. No other trial has ended, so nothing was compared." in stopped.out
+    assert " of 4 runs of trial 1 are stored; the same command with more minutes goes on" in stopped.err
+    assert "going on with study 'slam'" in again.err
+    assert "nothing was compared" not in again.out
 
 
 def test_a_folder_that_tune_did_not_make_is_not_replaced(cli: Cli, slam: Path) -> None:

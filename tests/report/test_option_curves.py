@@ -90,8 +90,9 @@ def test_a_category_lies_at_its_position() -> None:
 def test_a_pick_at_an_end_of_its_range_is_named() -> None:
     space = {"a": LOG, "b": RangeAxis(low=0, high=1), "c": ValuesAxis(values=[1, 2])}
 
-    assert options_at_an_edge(space, {"a": 1e-4, "b": 0.5, "c": 1}) == ("a",)
-    assert options_at_an_edge(space, {"a": 1.01e-4, "b": 1.0, "c": 2}) == ("b",)
+    assert options_at_an_edge(space, {"a": 1e-4, "b": 0.5, "c": 1}, {}) == ("a",)
+    assert options_at_an_edge(space, {"a": 1.01e-4, "b": 1.0, "c": 2}, {}) == ("b",)
+    assert options_at_an_edge(space, {"a": 1e-4, "b": 1.0}, {"a": 1e-4, "b": 0.5}) == ("b",)
 
 
 def test_nothing_is_marked_where_nothing_is_scored() -> None:

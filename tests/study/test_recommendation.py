@@ -184,7 +184,10 @@ def test_a_study_without_a_feasible_trial_recommends_nothing() -> None:
     found = decision(BROKEN, trial(1, 1e6, feasible=False))
 
     assert (found.decision, found.trial, found.step) == ("nothing feasible", None, "wait")
-    assert found.text == "No trial is feasible so far. None of 2 trials is feasible and complete so far."
+    assert found.text == (
+        "No trial is feasible so far. None of 2 trials is feasible. "
+        "The nominal options: a run registered 10% of the frames."
+    )
 
 
 def test_a_summary_and_the_whole_name_the_same_trial() -> None:

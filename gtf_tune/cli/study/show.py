@@ -177,7 +177,7 @@ def _name(trial: "Trial", recommended: int | None) -> str:
 
 def _score(trial: "Trial", unit: "ScoreUnit") -> str:
     if trial.value is None:
-        return trial.state if trial.attempts else "waiting"
+        return trial.unfinished or trial.state
     if not trial.feasible:
         return "infeasible"
     return unit.text(trial.value) + ("*" if trial.state == "pruned" else "")

@@ -46,11 +46,18 @@ def option_axis(option: str, axis: Axis, seen: Sequence[OptionValue] = ()) -> Op
     return OptionAxis(option, "log" if low > 0 and high / low >= _OPTION_AXIS_LOG_FROM_RATIO else "linear", low, high)
 
 
-def options_at_an_edge(space: Mapping[str, Axis], chosen: Mapping[str, OptionValue]) -> tuple[str, ...]:
-    """Return the options whose chosen number is an end of its range: a better one may lie beyond."""
+def options_at_an_edge(
+    space: Mapping[str, Axis], chosen: Mapping[str, OptionValue], nominal: Mapping[str, OptionValue]
+) -> tuple[str, ...]:
+    """Return the options whose chosen number is an end of its range: a better one may lie beyond.
+
+    One that is nominal is not: nothing was gained on the way to it.
+    """
     found = []
     for option, axis in space.items():
         value = chosen.get(option)
+        if value == nominal.get(option):
+            continue
         if isinstance(axis, RangeAxis) and isinstance(value, int | float) and not isinstance(value, bool):
             near = 1e-6 * (abs(axis.low) + abs(axis.high)) if not axis.log else 1e-6 * abs(value)
             if min(abs(value - axis.low), abs(value - axis.high)) <= near:

@@ -94,7 +94,7 @@ def option_curve(points: PointSet, axis: OptionAxis, searched: int, star: Star |
             tuple(range(len(scored))) if is_alone else _best_of_each_level(places, [point.value for _, point in scored])
         ),
         stopped=tuple((x, point) for x, point in placed if point.state == "pruned" and math.isfinite(point.value)),
-        outside=tuple((x, point) for x, point in placed if point.state != "running" and math.isnan(point.value)),
+        outside=tuple((x, point) for x, point in placed if point.has_ended and math.isnan(point.value)),
         is_alone=is_alone,
         star=star,
     )

@@ -25,7 +25,7 @@ def trials_panel(report: ReportInput) -> list[Block]:
 
 
 def _rank(point: TrialPoint) -> tuple[int, float, int]:
-    order = ("feasible", "infeasible", "pruned", "failed", "running")
+    order = ("feasible", "infeasible", "pruned", "failed", "running", "interrupted", "waiting")
     value = point.value if math.isfinite(point.value) else math.inf
     return order.index(point.state), value, point.number
 

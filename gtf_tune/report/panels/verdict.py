@@ -60,12 +60,13 @@ def verdict_facts(data: StudyData) -> VerdictFacts:
     chosen = points.get(found.trial.number, TrialPoint(found.trial.number, "feasible", options))
     nominal = points.get(0, TrialPoint(0, "failed"))
     names = list(chosen.options)
+    at_an_edge = options_at_an_edge(data.definition.space, chosen.options, nominal.options)
     return VerdictFacts(
         recommendation=found,
         changes=tuple(OptionChange(name, nominal.options.get(name), chosen.options[name]) for name in names),
         ground_truth=chosen.ground_truth / nominal.ground_truth - 1 if nominal.ground_truth else math.nan,
         collapsed=chosen.collapsed,
-        at_an_edge=options_at_an_edge(data.definition.space, chosen.options) if chosen.number else (),
+        at_an_edge=at_an_edge if chosen.number else (),
     )
 
 

@@ -146,8 +146,8 @@ class Evidence:
         The trial that the last confirmation adopted.
     confirmation
         The verdict of the last confirmation.
-    num_trials, num_feasible
-        How many trials there are, and how many of them are complete and feasible.
+    num_ended, num_feasible
+        How many trials have ended, and how many of them are complete and feasible.
     search_doubts
         Why the score says little, by nominal's runs of the search.
     """
@@ -157,7 +157,7 @@ class Evidence:
     best: Trial | None
     adopted: Trial | None = None
     confirmation: Verdict | None = None
-    num_trials: int = 0
+    num_ended: int = 0
     num_feasible: int = 0
     search_doubts: tuple[str, ...] = ()
 
@@ -200,7 +200,7 @@ def evidence_of(score: str, known: Sequence[Trial], verdict: Verdict | None, dou
         best=min(feasible, key=lambda trial: (trial.value, trial.number), default=None),
         adopted=_adopted(verdict, by_number.get(0), by_number.get),
         confirmation=verdict,
-        num_trials=len(known),
+        num_ended=sum(trial.state != "claimed" for trial in known),
         num_feasible=len(feasible),
         search_doubts=doubts,
     )
@@ -219,7 +219,7 @@ def read_evidence(database: Database, study: Study) -> Evidence:
         best=trials.best(database, study.id),
         adopted=_adopted(verdict, nominal, lambda number: trials.get(database, study.id, number)),
         confirmation=verdict,
-        num_trials=sum(effort.count for effort in efforts),
+        num_ended=sum(effort.count for effort in efforts if effort.state != "claimed"),
         num_feasible=sum(effort.count for effort in efforts if effort.state == "complete" and effort.feasible),
         search_doubts=doubts_of_detail(detail, definition.gtf),
     )

@@ -60,6 +60,11 @@ class Recommendation:
         return self.decision in (ADOPT, KEEP)
 
     @property
+    def compares(self) -> bool:
+        """Whether a trial beside nominal has ended."""
+        return self.evidence.num_ended > 1
+
+    @property
     def is_doubted(self) -> bool:
         """Whether nominal is kept because the score says little."""
         return bool(self.evidence.doubts) and self.decision in (KEEP, SAYS_LITTLE)
@@ -200,15 +205,26 @@ class Recommendation:
             return (f"The nominal options are infeasible, so there is nothing to compare its {score} with.", flatters)
         if not self.improvement.is_known:
             return (f"Too few noisy runs worked under both to compare its {score} with nominal's.", flatters)
-        doubt = () if self.improvement.is_certain else ("The interval does not exclude that the two are equal.",)
+        has_interval = self.improvement.low == self.improvement.low
+        doubt = (
+            ()
+            if self.improvement.is_certain or not has_interval
+            else ("The interval does not exclude that the two are equal.",)
+        )
         return (f"{score} {self.improvement.text} against nominal, in the search.", *doubt, flatters)
 
     def _why_nothing_better(self) -> tuple[str, ...]:
         others = max(self.evidence.num_feasible - 1, 0)
+        if not self.compares:
+            return ("No other trial has ended, so nothing was compared.",)
         return (f"None of {count(others, 'other feasible trial')} has a smaller {self.evidence.score} than nominal.",)
 
     def _why_nothing_feasible(self) -> tuple[str, ...]:
-        return (f"None of {count(self.evidence.num_trials, 'trial')} is feasible and complete so far.",)
+        if not self.evidence.num_ended:
+            return ("No trial has ended, so nothing was compared.",)
+        message = self.evidence.nominal.message if self.evidence.nominal else ""
+        reason = f" The nominal options: {message}." if message else ""
+        return (f"None of {count(self.evidence.num_ended, 'trial')} is feasible.{reason}",)
 
 
 def decide(evidence: Evidence, improvement: Improvement = UNKNOWN_IMPROVEMENT) -> Recommendation:

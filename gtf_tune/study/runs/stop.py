@@ -11,6 +11,7 @@ FINISH_RUNS = 1
 STOP_NOW = 2
 _INTERRUPTED_EXIT_CODE = 130
 _LAST_MOMENT_S = 2.5
+_LONGEST_WAIT_S = 2.0
 
 
 class StopRequest:
@@ -79,6 +80,26 @@ def signals_to(stop: StopRequest, announce: Callable[[str], None], grace_s: floa
     finally:
         signal.signal(signal.SIGINT, before[0])
         signal.signal(signal.SIGTERM, before[1])
+
+
+@contextlib.contextmanager
+def stopped_in_time(stop: StopRequest, left_s: Callable[[], float]) -> Iterator[None]:
+    """Ask to stop at once when no seconds are left and the context has not ended; ``left_s`` may change meanwhile."""
+    ended = threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(min(max(left_s(), 0.0), _LONGEST_WAIT_S)):
+            if left_s() <= 0:
+                stop.ask(STOP_NOW)
+                return
+
+    thread = threading.Thread(target=watch, name="watch-time", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def _later(delay_s: float, action: Callable[[], None]) -> None:

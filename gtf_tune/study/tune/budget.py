@@ -14,7 +14,8 @@ CLEAN_RUNS = 1
 NOISY_RUNS = 3
 """Runs of a trial: few, because the noise is common to all trials."""
 
-COPIES = CLEAN_RUNS + NOISY_RUNS
+FEWEST_NOISY_RUNS = 1
+"""Noisy runs of a trial where more would leave too few trials: they rank nearly as well (docs/bank.md)."""
 
 CONFIRMED = 2
 """Candidates that a confirmation compares with nominal."""
@@ -86,7 +87,7 @@ class Plan:
     ``trials`` counts nominal. ``confirmation_runs`` are noisy runs of each configuration; 0 where there is no time for
     a confirmation. ``search_s``, ``confirm_s`` and ``write_s`` are the estimated wall times of the phases,
     ``price`` and ``full`` what a run costs in the search and on the images of the written models; there
-    ``repeated_s`` is the second reconstruction.
+    ``repeated_s`` is the second reconstruction. A trial has so many ``noisy`` runs.
     """
 
     trials: int
@@ -97,6 +98,7 @@ class Plan:
     write_s: float
     price: RunPrice = RunPrice(0.0, 0.0)
     full: RunPrice = RunPrice(0.0, 0.0)
+    noisy: int = NOISY_RUNS
 
     @property
     def seconds(self) -> float:
@@ -126,7 +128,8 @@ class Budget:
     """What is available: wall time in seconds and runs at a time.
 
     ``first`` configurations are tried before others, and ``baselines`` are confirmed beside the best ones.
-    ``most_trials`` counts nominal; a confirmation has so many ``candidates``.
+    ``most_trials`` counts nominal; a confirmation has so many ``candidates``. A trial has ``noisy`` runs beside its
+    ``clean`` ones, ``fewest_noisy`` where time is short; so many of nominal's are ``stored`` already.
     """
 
     seconds: float
@@ -135,25 +138,52 @@ class Budget:
     baselines: int = 0
     candidates: int = CONFIRMED
     most_trials: int = MOST_TRIALS
+    noisy: int = NOISY_RUNS
+    clean: int = CLEAN_RUNS
+    stored: int = 0
+    fewest_noisy: int = FEWEST_NOISY_RUNS
+
+    @property
+    def copies(self) -> int:
+        """Return how many runs a trial has."""
+        return self.clean + self.noisy
+
+    @property
+    def nominal_runs(self) -> int:
+        """Return how many runs of nominal are still to be made."""
+        return max(self.copies - self.stored, 0)
+
+    def nominal_s(self, price: RunPrice) -> float:
+        """Return the estimated wall time of the nominal trial, or of what is left of it."""
+        return self.waves(self.nominal_runs) * price.whole_s
+
+    def least_s(self, price: RunPrice, full: RunPrice) -> float:
+        """Return the seconds without which nothing is compared: the nominal trial, another one, and its model."""
+        return self.nominal_s(price) + self.trial_s(price) + _SLACK * full.repeated_s + AROUND_S
 
     def plan(
         self, full: RunPrice, price_of: Callable[[Reduction], RunPrice], usable: Sequence[Reduction] = REDUCTIONS
     ) -> Plan:
         """Return the plan on as many and as large images as the time allows, of those that are ``usable``.
 
-        ``full`` is the price on the images of the written models, ``price_of`` returns that of a run in the search.
+        Trials with one noisy run come before fewer or smaller images. ``full`` is the price on the images of the
+        written models, ``price_of`` returns that of a run in the search.
         """
-        plans = [self.plan_at(full, price_of(reduction), reduction) for reduction in usable]
-        return next((plan for plan in plans if self._fits(plan)), plans[-1])
+        counts = dict.fromkeys([self.noisy, min(self.noisy, self.fewest_noisy)])
+        budgets = [(replace(self, noisy=noisy), reduction) for reduction in usable for noisy in counts]
+        plans = ((budget, budget.plan_at(full, price_of(reduction), reduction)) for budget, reduction in budgets)
+        for budget, plan in plans:
+            if budget._fits(plan):
+                break
+        return plan
 
     def plan_at(self, full: RunPrice, price: RunPrice, reduction: Reduction) -> Plan:
         """Return the plan for a search on reduced images whose price is known."""
-        free = self._free(self.seconds, full) - self.waves(COPIES) * price.whole_s
+        free = self._free(self.seconds, full) - self.nominal_s(price)
         ahead = self.ahead(price, full, self.seconds, (self.most_trials, self._shared_runs(price, free)))
         trials = 1 + ahead.trials
-        return Plan(
-            trials, ahead.confirmation_runs, reduction, ahead.search_s, ahead.confirm_s, ahead.write_s, price, full
-        )
+        seconds = ahead.search_s, ahead.confirm_s, ahead.write_s
+        return Plan(trials, ahead.confirmation_runs, reduction, *seconds, price, full, self.noisy)
 
     def ahead(self, price: RunPrice, full: RunPrice, left_s: float, wanted: tuple[int, int], *, done: int = 0) -> Ahead:
         """Return what can still be done in the seconds that are left.
@@ -164,7 +194,7 @@ class Budget:
         too short for any. Time that the search cannot use goes to the confirmation.
         """
         trials, runs = wanted
-        nominal_s = 0.0 if done else self.waves(COPIES) * price.whole_s
+        nominal_s = 0.0 if done else self.nominal_s(price)
         free, trial_s = self._free(left_s, full) - nominal_s, self.trial_s(price)
 
         def affordable(noisy: int) -> int:
@@ -209,12 +239,12 @@ class Budget:
 
     def trial_s(self, price: RunPrice) -> float:
         """Return the estimated wall time of one more trial."""
-        return self.waves(COPIES) * price.repeated_s
+        return self.waves(self.copies) * price.repeated_s
 
     def confirmation_s(self, price: RunPrice, runs: int) -> float:
         """Return the estimated wall time of a confirmation with so many noisy runs of each configuration."""
         each = price.whole_s + self.candidates * price.repeated_s + self.baselines * price.verified_s
-        return self.waves(CLEAN_RUNS + runs) * each if runs else 0.0
+        return self.waves(self.clean + runs) * each if runs else 0.0
 
     def waves(self, runs: int) -> int:
         """Return how many times in turn a configuration's runs fill all places."""

@@ -11,7 +11,7 @@ from typing import Any
 from gtf_tune.definition import SequenceDefinition, StudyDefinition
 from gtf_tune.errors import RunError
 from gtf_tune.metrics import AteSettings, pairwise_matrix
-from gtf_tune.pipelines import Pipeline
+from gtf_tune.pipelines import OptionValue, Pipeline
 from gtf_tune.pipelines.run import RunRequest
 from gtf_tune.sequence import Sequence, say_notes
 from gtf_tune.study.open_study import load_defined_sequence
@@ -19,7 +19,13 @@ from gtf_tune.study.runs.plan import MAPPING, STAGES, RunPlanner, SeedSource, op
 from gtf_tune.study.runs.run_source import RunSource
 from gtf_tune.study.search.space import build_space
 from gtf_tune.study.tune.budget import REDUCTIONS, Reduction, RunPrice
-from gtf_tune.study.tune.handover import Configurations, changed_options, hand_over, makes_models
+from gtf_tune.study.tune.handover import (
+    Configurations,
+    changed_options,
+    hand_over,
+    hand_over_trajectories,
+    makes_models,
+)
 from gtf_tune.study.tune.reconstruct import TooSlow, Workshop
 from gtf_tune.trajectory import Trajectory
 
@@ -31,6 +37,7 @@ _MODEL_SHARE = 0.4
 """Part of the time that the nominal reconstruction may be expected to take, ..."""
 _OVERRUN = 1.4
 """... and how many times as long it may take in the end."""
+_SO_FAR = "NOMINAL options (tuning has not ended)."
 _GOOD_COVERAGE = 0.9
 _MISLEADING = 0.1
 """How far, as a fraction of the extent, nominal on reduced images may be from its model."""
@@ -62,6 +69,8 @@ class Estimate:
     _measured: dict[Reduction, RunPrice] = field(default_factory=dict)
     _guessed: dict[Reduction, RunPrice] = field(default_factory=dict)
     _clean: dict[Reduction, Trajectory] = field(default_factory=dict)
+    _stored: dict[Reduction, int] = field(default_factory=dict)
+    _loaded: dict[Reduction, Sequence] = field(default_factory=dict)
     _model: Trajectory | None = None
     of_model: Reduction = REDUCTIONS[0]
 
@@ -86,7 +95,19 @@ class Estimate:
         """Return the images that a search on fewer and smaller ones uses."""
         if reduction == Reduction():
             return self.whole
-        return load_defined_sequence(self.reduced(reduction).sequences[0], self.root, self.pipeline)
+        if reduction not in self._loaded:
+            given = self.reduced(reduction).sequences[0]
+            self._loaded[reduction] = load_defined_sequence(given, self.root, self.pipeline)
+        return self._loaded[reduction]
+
+    @property
+    def reductions(self) -> tuple[Reduction, ...]:
+        """Return the reductions that leave different images, the weakest first."""
+        return tuple({self.shown(reduction): reduction for reduction in reversed(REDUCTIONS)}.values())[::-1]
+
+    def stored(self, reduction: Reduction) -> int:
+        """Return how many runs of the nominal trial there are stored already."""
+        return self._stored.get(reduction, 0)
 
     def models(self) -> tuple[dict[str, Any], RunPrice]:
         """Return of which images models are made, and what they cost; the nominal one is handed over here.
@@ -95,27 +116,33 @@ class Estimate:
         """
         say_notes(self.whole, self.means.announce)
         if not makes_models(self.pipeline.name):
-            return self.whole_given, replace(self.measured(Reduction()), repeated_s=0.0)
+            price = replace(self.measured(Reduction()), repeated_s=0.0)
+            self._hand_over_trajectory()
+            return self.whole_given, price
         pilot = self._pilot()
         shares = [(reduction, _MODEL_SHARE * self.seconds) for reduction in (Reduction(), pilot)]
         for reduction, limit_s in shares:
             if reduction == pilot or self.price(reduction).whole_s <= limit_s:
                 given = self.reduced(reduction).sequences[0].model_dump(mode="json")
+                most_s = self.means.left_s() if reduction == pilot else _OVERRUN * limit_s
                 try:
-                    return given, self._hand_over_nominal(reduction, None if reduction == pilot else _OVERRUN * limit_s)
+                    return given, self._hand_over_nominal(reduction, most_s)
                 except TooSlow:
-                    pass
+                    if reduction == pilot:
+                        raise
             self.means.announce(
                 f"two reconstructions of all {len(self.whole)} images at full size take too large a part of the time; "
                 "the models are made of fewer and smaller ones; give more minutes for all of it"
             )
-        raise AssertionError("the pilot has no limit")
+        raise AssertionError("the pilot returns or raises")
 
     def measured(self, reduction: Reduction) -> RunPrice:
         """Return what a run of nominal costs there; it is stored for the nominal trial."""
         if reduction not in self._measured:
             used = self.sequence(reduction)
-            stage_s, clean = _timed_stages(self.definition, self.pipeline, used, self.means.source, len(self.whole))
+            stage_s, clean, self._stored[reduction] = _timed_stages(
+                self.definition, self.pipeline, used, self.means.source, len(self.whole)
+            )
             price = price_of_stages(stage_s, _earliest_stage(self.definition, self.pipeline))
             self._measured[reduction], self._clean[reduction] = price, clean
             self.means.announce(
@@ -178,13 +205,22 @@ class Estimate:
                 return reduction
         raise AssertionError("the last of them is no reduction")
 
+    def _hand_over_trajectory(self) -> None:
+        """Hand over the nominal trajectory of a pipeline that makes no model."""
+        configurations = Configurations(self._nominal, self._nominal, label=_SO_FAR)
+        clean = self._clean[Reduction()]
+        hand_over_trajectories(self.means.folder, configurations, {"nominal": clean, "adopted": clean})
+
+    @property
+    def _nominal(self) -> dict[str, OptionValue]:
+        space = build_space(self.definition, self.pipeline.options)
+        return changed_options(self.pipeline, {**self.definition.fixed_options, **space.nominal})
+
     def _hand_over_nominal(self, reduction: Reduction, timeout_s: float | None) -> RunPrice:
         """Return what a second model costs, from the nominal one, which is handed over."""
         used = self.sequence(reduction)
-        space = build_space(self.definition, self.pipeline.options)
-        options = changed_options(self.pipeline, {**self.definition.fixed_options, **space.nominal})
         workshop = Workshop(used, self.pipeline, self.means.announce, timeout_s)
-        configurations = Configurations(options, options, label="NOMINAL options (tuning has not ended).")
+        configurations = Configurations(self._nominal, self._nominal, label=_SO_FAR)
         made = hand_over(self.means.folder, workshop, configurations, is_last=False).nominal
         self._model, self.of_model = made.model.trajectory, reduction
         self.means.announce(
@@ -219,8 +255,8 @@ def _selection(sequence: Sequence, given: SequenceDefinition, reduction: Reducti
 
 def _timed_stages(
     definition: StudyDefinition, pipeline: Pipeline, sequence: Sequence, source: RunSource, frames: int
-) -> tuple[dict[str, float], Trajectory]:
-    """Return the seconds of each stage by name, and of all as ``wall``, and the trajectory of nominal's first run.
+) -> tuple[dict[str, float], Trajectory, int]:
+    """Return the seconds of each stage by name, and of all as ``wall``, nominal's first trajectory, and its runs made.
 
     The first noisy run is timed as well where that run found stages at hand, is so short that the start of the executor
     rules it, or has fewer than all ``frames``: these may be too few under noise. Both are stored for the nominal trial.
@@ -235,15 +271,17 @@ def _timed_stages(
         planner.request(sequence, {}, (kind, 0), sigma=_sigma(definition), number=0) for kind in ("clean", "noisy")
     )
     found, trajectory = _timed(clean, source)
+    made = 1
     if (
         len(sequence) < frames
         or found["wall"] < _SHORT_S
         or any(found[name] for name in found if name.endswith("_cached"))
     ):
         other, _ = _timed(noisy, source)
+        made = 2
         found = {name: max(found.get(name, 0.0), seconds) for name, seconds in other.items()} | {"wall": other["wall"]}
     stages = {name.removesuffix("_s"): seconds for name, seconds in found.items() if name.endswith("_s")}
-    return {**stages, "wall": found["wall"]}, trajectory
+    return {**stages, "wall": found["wall"]}, trajectory, made
 
 
 def _differ(model: Trajectory, other: Trajectory) -> float:

@@ -111,7 +111,7 @@ def hand_over(
     with _written_aside(folder) as work:
         _write_scripts(work, sequence, pipeline, configurations)
         nominal = workshop.nominal(work, folder, configurations.nominal)
-        configurations, other = _with_other(work, workshop, configurations, nominal.model)
+        configurations, other = _with_other(work, workshop, configurations, nominal)
         adopted = nominal.model if other is None or configurations.unconfirmed is not None else other
         if adopted is nominal.model:
             shutil.copytree(work / "sparse-nominal", work / "sparse")
@@ -128,17 +128,16 @@ def hand_over(
 
 
 def _with_other(
-    work: Path, workshop: Workshop, configurations: Configurations, nominal: "SparseModel"
+    work: Path, workshop: Workshop, configurations: Configurations, nominal: Reconstructed
 ) -> "tuple[Configurations, SparseModel | None]":
     """Return the model that is made beside nominal, if any, and the configurations without one that cannot be used."""
     name = "sparse" if configurations.unconfirmed is None else UNCONFIRMED_MODEL
     options = configurations.adopted if configurations.unconfirmed is None else configurations.unconfirmed
     if options == configurations.nominal:
         return configurations, None
-    workshop.announce(f"reconstructing {len(workshop.sequence)} images with the options of the best trial")
     try:
-        model = workshop.reconstruct(work, name, options).model
-        reason = contradicted(model, nominal)
+        model = workshop.in_time(nominal.mapping_s).reconstruct(work, name, options).model
+        reason = contradicted(model, nominal.model)
     except RunError as error:
         reason = str(error)
     if not reason:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-from gtf_tune.study.tune.budget import CLEAN_RUNS, COPIES, Ahead, Budget, Plan, RunPrice
+from gtf_tune.study.tune.budget import AROUND_S, Ahead, Budget, Plan, RunPrice
 
 _PRIOR_RUNS = 2.0
 """How many runs the planned price of a run counts for against measured ones."""
@@ -77,13 +77,43 @@ class Pace:
         """Seconds of the trial under way that its ended runs stand for."""
         if self.phase != SEARCH:
             return 0.0
-        whole_s = self.budget.trial_s(self.price) if self.done else self.budget.waves(COPIES) * self.price.whole_s
-        return self._runs / COPIES * whole_s
+        ended, runs = self._runs_made
+        return min(ended / runs, 1.0) * self._trial_s if runs else 0.0
+
+    @property
+    def _trial_s(self) -> float:
+        """Seconds of the trial under way, from its first run to its last."""
+        return self.budget.trial_s(self.price) if self.done else self.budget.nominal_s(self.price)
+
+    @property
+    def _runs_made(self) -> tuple[int, int]:
+        """Runs of the trial under way that have ended, and all of them, without those that were stored before."""
+        if self.done:
+            return self._runs, self.budget.copies
+        return max(self._runs - self.budget.stored, 0), self.budget.nominal_runs
 
     @property
     def search_is_over(self) -> bool:
-        """Whether there is no time for a further trial."""
-        return self.done > 0 and self.ahead.trials == 0
+        """Whether there is no time for a further trial; for nominal's, none for it and another one."""
+        if self.done:
+            return self.ahead.trials == 0
+        return self.least_s > self.deadline_left_s + self._begun_s
+
+    @property
+    def least_s(self) -> float:
+        """Seconds without which nothing is compared."""
+        price = self.price
+        return self.budget.nominal_s(price) + self.budget.trial_s(price) + self.plan.full.repeated_s
+
+    @property
+    def work_left_s(self) -> float:
+        """Seconds until what was found has to be written: with a trial beside nominal a model is made."""
+        return self.deadline_left_s - AROUND_S - (self.plan.full.repeated_s if self.done else 0.0)
+
+    @property
+    def trial_is_hopeless(self) -> bool:
+        """Whether the trial under way cannot end in time, by what runs take."""
+        return self.phase == SEARCH and self._runs > 0 and self._trial_s - self._begun_s > self.work_left_s
 
     @property
     def may_shorten(self) -> bool:
@@ -108,9 +138,9 @@ class Pace:
     def run_done(self, *, reused: bool = False) -> None:
         """Count a run of this phase; one that was stored before took no time."""
         kind, unit_s = self._kind()
-        runs = COPIES if self.phase == SEARCH else self._fresh
+        runs = self._runs_made[1] if self.phase == SEARCH else self._fresh
         self._runs += 1
-        if kind and not reused:
+        if kind and runs and not reused:
             kind.planned_s += unit_s * self.budget.waves(runs) / runs
             kind.taken_s += self.now() - self._mark
         self._mark = self.now()
@@ -126,7 +156,7 @@ class Pace:
     @property
     def _fresh(self) -> int:
         """Runs of each configuration in the confirmation under way."""
-        return CLEAN_RUNS + (self._confirmation.confirmation_runs if self._confirmation else 0)
+        return self.budget.clean + (self._confirmation.confirmation_runs if self._confirmation else 0)
 
     def _kind(self) -> tuple[_Seen | None, float]:
         """Return what the next run that ends is one of, and its planned price; None for runs of a baseline."""

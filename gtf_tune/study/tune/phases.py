@@ -3,12 +3,13 @@
 The command line and Python go the same way.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
-from gtf_tune.store import confirmations, trials
+from gtf_tune.store import confirmations, runs, trials
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.enqueue import enqueue
 from gtf_tune.study.events import Callback, Event, RunFinished, TrialFinished
@@ -21,20 +22,42 @@ from gtf_tune.study.outcome.confirm import (
     plan_confirmation,
 )
 from gtf_tune.study.outcome.recommendation import NOTHING_FEASIBLE, UNCONFIRMED, Recommendation, recommend
-from gtf_tune.study.runs.run_source import RunSource, run_limits
-from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
+from gtf_tune.study.runs.plan import run_order
+from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
+from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest, stopped_in_time
 from gtf_tune.study.tune.ablation import shortened
 from gtf_tune.study.tune.budget import CONFIRMED, Budget, Plan
 from gtf_tune.study.tune.pace import CONFIRM, Pace
 from gtf_tune.study.work.worker import StudyWorker
 
+_FEWEST_INFEASIBLE = 3
+
 
 def pace_of(study: OpenStudy, plan: Plan, jobs: int, left_s: float) -> Pace:
     """Return the pace of a study that has a plan and so many seconds left."""
-    search = study.definition.search
-    budget = Budget(left_s, jobs, len(search.first), len(search.baselines))
+    search, gtf = study.definition.search, study.definition.gtf
     ended = [trial for trial in trials.of_study(study.database, study.record.id) if trial.state == "complete"]
+    budget = Budget(
+        left_s,
+        jobs,
+        len(search.first),
+        len(search.baselines),
+        noisy=gtf.noisy_runs_max,
+        clean=gtf.clean_runs,
+        stored=0 if ended else stored_runs(study),
+    )
     return Pace(plan, budget, len(ended))
+
+
+def stored_runs(study: OpenStudy) -> int:
+    """Return how many runs of the nominal trial are stored before it has ended."""
+    gtf, planner = study.definition.gtf, study.planner
+    requests = [
+        planner.request(sequence, study.space.nominal, run, sigma=study.sigmas.get(name, 0.0), number=0)
+        for name, sequence in study.sequences.items()
+        for run in run_order(gtf.clean_runs, gtf.noisy_runs_max)
+    ]
+    return len(runs.find(study.database, [request.key for request in requests])) // len(study.sequences)
 
 
 @dataclass(frozen=True)
@@ -65,8 +88,9 @@ def tune_through(study: OpenStudy, means: Means) -> Recommendation:
     if means.pace is None or not confirmations.of_study(study.database, study.record.id):
         _search(study, means)
         found = recommend(study.database, study.record)
-        hopeless = means.pace is not None and found.decision == NOTHING_FEASIBLE
-        if not (means.stop.level or found.is_confirmed or hopeless):
+        # A confirmation ends the search for good: it needs something to compare nominal with.
+        too_early = means.pace is not None and (found.decision == NOTHING_FEASIBLE or not found.compares)
+        if not (means.stop.level or found.is_confirmed or too_early):
             _confirm(study, means, _candidates(study, means))
     return recommend(study.database, study.record)
 
@@ -74,16 +98,26 @@ def tune_through(study: OpenStudy, means: Means) -> Recommendation:
 def _search(study: OpenStudy, means: Means) -> None:
     """Run the trials of the study, as many as there is time for."""
     pace, stop = means.pace, StopRequest(means.stop)
-    if pace is not None and pace.search_is_over:
+    if pace is None:
+        StudyWorker(study, means.executor, stop, means.callbacks).work()
+        return
+    if pace.search_is_over:
         return
 
     def watch(event: Event) -> None:
-        if pace is not None:
-            _count(pace, event)
-            if isinstance(event, TrialFinished) and pace.search_is_over:
-                stop.ask(FINISH_RUNS)
+        _count(pace, event)
+        ends = isinstance(event, TrialFinished) and (pace.search_is_over or _nothing_works(study))
+        if ends or pace.trial_is_hopeless:
+            stop.ask(FINISH_RUNS)
 
-    StudyWorker(study, means.executor, stop, [watch, *means.callbacks]).work()
+    with stopped_in_time(stop, lambda: pace.work_left_s):
+        StudyWorker(study, means.executor, stop, [watch, *means.callbacks]).work()
+
+
+def _nothing_works(study: OpenStudy) -> bool:
+    """Whether nominal and the first others are all infeasible: what they share is at fault, and the rest would be."""
+    ended = [trial for trial in trials.of_study(study.database, study.record.id) if trial.state == "complete"]
+    return len(ended) >= _FEWEST_INFEASIBLE and not any(trial.feasible for trial in ended)
 
 
 def _count(pace: Pace, event: Event) -> None:
@@ -110,11 +144,14 @@ def _candidates(study: OpenStudy, means: Means) -> tuple[Trial, ...]:
 def _try(study: OpenStudy, means: Means, options: Mapping[str, OptionValue]) -> Trial | None:
     """Run a trial with these options; return None where there is no time for it or someone asked to stop."""
     pace = means.pace
-    if means.stop.level or (pace and not pace.may_shorten):
+    known = trials.of_study(study.database, study.record.id)
+    waits = any(trial.state == "claimed" for trial in known)  # it would be run first
+    if means.stop.level or (pace and (waits or not pace.may_shorten)):
         return None
     number = enqueue(study.database, study.definition.name, options)
-    watch = [lambda event: _count(pace, event)] if pace else []
-    StudyWorker(study, means.executor, means.stop, [*watch, *means.callbacks]).work()
+    watch, stop = [lambda event: _count(pace, event)] if pace else [], StopRequest(means.stop)
+    with stopped_in_time(stop, lambda: pace.work_left_s if pace else math.inf):
+        StudyWorker(study, means.executor, stop, [*watch, *means.callbacks]).work()
     found = next(trial for trial in trials.of_study(study.database, study.record.id) if trial.number == number)
     return found if found.state == "complete" else None
 
@@ -140,6 +177,12 @@ def _confirm(study: OpenStudy, means: Means, chosen: Sequence[Trial]) -> None:
         for callback in means.callbacks:
             callback(event)
 
-    limits = run_limits(study.definition.limits)
-    source = RunSource(study.database, means.executor, limits, means.stop, watch, study.nominal_run)
-    confirm(study, plan, source)
+    limits, stop = run_limits(study.definition.limits), StopRequest(means.stop)
+    source = RunSource(study.database, means.executor, limits, stop, watch, study.nominal_run)
+    try:
+        with stopped_in_time(stop, lambda: pace.work_left_s if pace else math.inf):
+            confirm(study, plan, source)
+    except Interrupted:
+        if means.stop.level:
+            raise
+        means.announce("the time is up before the confirmation has ended; its runs are kept for the same command")

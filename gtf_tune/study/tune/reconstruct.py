@@ -76,6 +76,22 @@ class Workshop:
         model = read_model(work / "sparse-nominal" / "0", names)
         return Reconstructed(model, known["whole_s"], known["mapping_s"])
 
+    def in_time(self, needed_s: float) -> "Workshop":
+        """Return this workshop where there is time for another model, and announce its making.
+
+        Raises
+        ------
+        TooSlow
+            There is not.
+        """
+        if self.timeout_s is not None and needed_s > self.timeout_s:
+            raise TooSlow(
+                f"there was no time left for a reconstruction of about {needed_s:.0f} s; 'gtf-tune study export NAME' "
+                "writes the scripts that make it"
+            )
+        self.announce(f"reconstructing {len(self.sequence)} images with the options of the best trial")
+        return self
+
     def moved_by_calibration(self, work: Path, model: "SparseModel", options: Mapping[str, OptionValue]) -> float:
         """Return how far the trajectory moves where the intrinsics are refined too, as a fraction of the extent.
 

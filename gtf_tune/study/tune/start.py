@@ -22,19 +22,17 @@ from gtf_tune.study.outcome.confirm import MARGINS_KEY
 from gtf_tune.study.outcome.recommendation import Recommendation
 from gtf_tune.study.tune.budget import (
     CLEAN_RUNS,
+    FEWEST_NOISY_RUNS,
     MOST_TRIALS,
     NOISY_RUNS,
-    REDUCTIONS,
     Budget,
     Plan,
     Reduction,
     RunPrice,
 )
+from gtf_tune.study.tune.choice import TooLittleTime, choose
 from gtf_tune.study.tune.estimate import NOISE_SIGMA, Beginning, Estimate
 from gtf_tune.study.tune.handover import Configurations, changed_options, scaled_to
-
-_ESTIMATED = 0.6
-"""Share of the time below which no other images are tried than those of the nominal model."""
 
 TUNE_KEY = "tune"
 """Where the resolved part of a study keeps what this command planned."""
@@ -109,8 +107,10 @@ def known_tuning(database: Database, request: TuneRequest) -> Tuning | None:
     return None
 
 
-def begin_tuning(database: Database, request: TuneRequest, means: Beginning) -> Tuning:
+def begin_tuning(database: Database, request: TuneRequest, means: Beginning) -> Tuning | TooLittleTime:
     """Time runs of nominal, hand its model over, plan by the minutes, create the study and queue its first trials.
+
+    Where the minutes buy no comparison, the nominal model is all there is, and no study is created.
 
     Raises
     ------
@@ -122,32 +122,46 @@ def begin_tuning(database: Database, request: TuneRequest, means: Beginning) -> 
     pipeline, first = make_pipeline(definition), definition.search.first
     estimate = Estimate(definition, pipeline, root, means, 60 * request.minutes)
     models, full = estimate.models()
-    most = definition.search.trials or MOST_TRIALS
-    budget = Budget(means.left_s(), request.jobs, len(first), len(definition.search.baselines), most)
-    plan, usable = budget.plan(full, estimate.price), list(REDUCTIONS)
-    while estimate.misleads(plan.reduction):
-        usable.remove(plan.reduction)
-        if not usable or means.left_s() < _ESTIMATED * 60 * request.minutes:
-            usable = [estimate.of_model]
-        plan = replace(budget, seconds=means.left_s()).plan(full, estimate.price, usable)
-    definition = estimate.reduced(plan.reduction)
+    chosen = choose(estimate, full, _budget(request, definition), means.left_s)
+    if isinstance(chosen, TooLittleTime):
+        return chosen
+    plan, definition = chosen, estimate.reduced(chosen.reduction)
     if plan.reduction != Reduction():
         means.announce(
             f"{round(request.minutes, 1):g} minutes buy too little on all of it: the search uses "
             f"{estimate.shown(plan.reduction)}"
         )
-    measured = estimate.measured(plan.reduction)
-    plan = replace(budget, seconds=means.left_s()).plan_at(full, measured, plan.reduction)
     # The first configurations are queued in any case; where there is no time for all of them the clock ends the search.
     searched = definition.search.model_copy(update={"trials": max(plan.trials - len(first), 1)})
+    scored = definition.gtf.model_copy(update={"noisy_runs": plan.noisy} if _may_shorten(request) else {})
     stored = {"minutes": request.minutes, "plan": asdict(plan), "whole": estimate.whole_given, "models": models}
     study = create_study(
         database,
-        definition.model_copy(update={"search": searched}),
+        definition.model_copy(update={"search": searched, "gtf": scored}),
         root,
         resolved={TUNE_KEY: {**request.identity, **stored}, **_margins(definition)},
     )
     return Tuning(studies.get(database, study.name), plan)
+
+
+def _budget(request: TuneRequest, definition: StudyDefinition) -> Budget:
+    """Return the whole time, and what a trial and a confirmation are made of."""
+    search, gtf = definition.search, definition.gtf
+    return Budget(
+        60 * request.minutes,
+        request.jobs,
+        len(search.first),
+        len(search.baselines),
+        most_trials=search.trials or MOST_TRIALS,
+        noisy=gtf.noisy_runs_max,
+        clean=gtf.clean_runs,
+        fewest_noisy=FEWEST_NOISY_RUNS if _may_shorten(request) else gtf.noisy_runs_max,
+    )
+
+
+def _may_shorten(request: TuneRequest) -> bool:
+    """Whether trials may have fewer noisy runs; not where someone said how many."""
+    return "noisy_runs" not in request.sections.get("gtf", {})
 
 
 def whole_sequence(study: OpenStudy, part: Literal["whole", "models"] = "whole") -> Sequence:

@@ -1,5 +1,7 @@
 """What a number of minutes buys."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -40,7 +42,22 @@ def test_time_without_end_buys_everything_on_all_images() -> None:
 def test_too_little_time_shrinks_the_images_first_and_then_takes_fewer() -> None:
     price = RunPrice(60.0, 15.0)
 
-    assert [plan(minutes, price).reduction for minutes in (40, 15, 4, 1)] == list(REDUCTIONS)
+    assert [plan(minutes, price).reduction for minutes in (40, 10, 4, 1)] == list(REDUCTIONS)
+
+
+def test_trials_have_one_noisy_run_before_images_are_left_out() -> None:
+    bought = [plan(minutes, RunPrice(60.0, 15.0)) for minutes in (40, 20)]
+
+    assert [(found.reduction, found.noisy) for found in bought] == [(Reduction(), 3), (Reduction(), 1)]
+    assert bought[1].confirmation_runs == FEWEST_CONFIRMATION_RUNS
+    kept = replace(budget(20), fewest_noisy=3).plan(RunPrice(60.0, 15.0), lambda to: RunPrice(60.0, 15.0))
+    assert kept.noisy == 3
+
+
+def test_runs_of_nominal_that_are_stored_are_not_paid_again() -> None:
+    price = RunPrice(60.0, 15.0)
+
+    assert [replace(budget(9, jobs=2), stored=stored).nominal_s(price) for stored in (0, 2, 4)] == [120.0, 60.0, 0.0]
 
 
 def test_little_time_shortens_the_search_then_the_confirmation_and_then_leaves_it_out() -> None:

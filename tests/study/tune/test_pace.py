@@ -9,7 +9,6 @@ import pytest
 from gtf_tune.study.tune.budget import (
     AROUND_S,
     CLEAN_RUNS,
-    COPIES,
     FEWEST_CONFIRMATION_RUNS,
     REDUCTIONS,
     Budget,
@@ -74,14 +73,14 @@ def simulated(minutes: float, machine: Machine, price: RunPrice = PRICE, jobs: i
             said.append((clock.seconds, pace.left_s))
 
     whole, repeated = machine.whole * price.whole_s, machine.repeated * price.repeated_s
-    configuration(whole, COPIES)
+    configuration(whole, 4)
     pace.trial_done()
     while not pace.search_is_over:
-        configuration(repeated, COPIES)
+        configuration(repeated, 4)
         clock.seconds += 0.05 * repeated
         pace.trial_done()
     while pace.may_shorten and pace.done < plan.trials + 2:
-        configuration(repeated, COPIES)
+        configuration(repeated, 4)
         pace.trial_done()
     trials, ahead = pace.done, pace.ahead
     noisy = ahead.confirmation_runs
@@ -137,7 +136,7 @@ def test_runs_that_were_stored_before_say_nothing_about_the_pace() -> None:
     plan = Plan(10, 4, REDUCTIONS[0], 0.0, 0.0, 0.0, PRICE, RunPrice(0.0, 0.0))
     pace = Pace(plan, Budget(1e9, 1, 7), now=Clock())
     before = pace.price
-    for _ in range(COPIES):
+    for _ in range(4):
         pace.run_done(reused=True)
     pace.trial_done()
 
@@ -156,10 +155,58 @@ def test_runs_of_the_nominal_trial_are_not_owed_again_while_it_is_under_way() ->
     budget, clock = Budget(620.0, 1, 7), Clock()
     plan = budget.plan_at(RunPrice(0.0, 20.0), RunPrice(60.0, 10.0, 30.0), REDUCTIONS[3])
     pace = Pace(plan, budget, now=clock)
-    for _ in range(COPIES):
+    for _ in range(4):
         clock.seconds += 60.0
         pace.run_done()
     before = pace.left_s
     pace.trial_done()
 
     assert before == pytest.approx(pace.left_s, rel=0.05)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("slowness", [1.0, 1.5, 2.5, 4.0])
+@pytest.mark.parametrize("share", [1 / 8, 1 / 5, 1 / 3])
+def test_no_run_of_a_trial_is_begun_that_cannot_end_in_time(share: float, slowness: float, jobs: int) -> None:
+    seconds, clock = 360.0, Clock()
+    price, full = RunPrice(share * seconds, share * seconds / 4), RunPrice(0.0, 20.0)
+    budget = Budget(seconds, jobs, 7, noisy=1, stored=1)
+    pace = Pace(budget.plan_at(full, price, REDUCTIONS[0]), budget, now=clock)
+    pace.run_done(reused=True)
+
+    def trial(cost: float, runs: int) -> bool:
+        while runs and not pace.trial_is_hopeless and pace.work_left_s > 0:
+            together = min(jobs, runs)
+            clock.seconds += min(cost, pace.work_left_s)  # the clock stops what is in flight
+            for _ in range(together):
+                pace.run_done()
+            runs -= together
+        return not runs
+
+    if not pace.search_is_over and trial(slowness * price.whole_s, budget.nominal_runs):
+        pace.trial_done()
+        while not pace.search_is_over and trial(slowness * price.repeated_s, budget.copies):
+            pace.trial_done()
+
+    assert pace.deadline_left_s >= AROUND_S
+    assert pace.done <= 1 or pace.deadline_left_s >= AROUND_S + full.repeated_s
+    assert slowness > 1 or pace.done >= 2
+
+
+def test_a_trial_whose_runs_are_slow_is_given_up_before_the_time_is_spent() -> None:
+    budget, clock = Budget(360.0, 1, 7), Clock()
+    pace = Pace(budget.plan_at(RunPrice(0.0, 20.0), RunPrice(40.0, 5.0), REDUCTIONS[0]), budget, now=clock)
+    clock.seconds += 160.0
+    pace.run_done()
+
+    assert pace.trial_is_hopeless
+    assert pace.work_left_s > 100
+
+
+def test_a_search_whose_nominal_trial_cannot_end_does_not_begin() -> None:
+    price = RunPrice(120.0, 40.0)
+    plan = Budget(3600, 2, 7).plan_at(RunPrice(0.0, 60.0), price, REDUCTIONS[0])
+    late, in_time = (Pace(plan, Budget(seconds, 2, 7), now=Clock()) for seconds in (300.0, 500.0))
+
+    assert late.search_is_over
+    assert not in_time.search_is_over
