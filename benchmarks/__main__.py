@@ -17,7 +17,6 @@ from pathlib import Path
 
 from benchmarks import (
     cached_studies,
-    five_options,
     five_rendered,
     machine,
     many_trials,
@@ -26,7 +25,6 @@ from benchmarks import (
     page,
     search_runs,
     side_by_side,
-    sizing_rules,
 )
 from benchmarks.section import Benchmark, Effort, as_text
 
@@ -37,9 +35,7 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     "overhead": overhead.run,
     "jobs": side_by_side.run,
     "search": search_runs.run,
-    "five-options": five_options.run,
     "five-rendered": five_rendered.run,
-    "sizing": sizing_rules.run,
     "many-trials": many_trials.run,
 }
 

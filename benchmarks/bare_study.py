@@ -1,7 +1,7 @@
 """Run the search loop of a study without database and processes, to repeat it many times.
 
-Samplers, seeds, run planner, pipeline, score, feasibility and sizing are those of the package; only the bookkeeping is
-left out. The tests of the study loop show that the bookkeeping changes no decision.
+Samplers, seeds, run planner, pipeline, score and feasibility are those of the package; only the bookkeeping is left
+out. The tests of the study loop show that the bookkeeping changes no decision.
 """
 
 import itertools
@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import optuna
-from optuna.trial import TrialState
 
 from gtf_tune.definition import StudyDefinition, definition_from_dict
 from gtf_tune.execution import FreshStages
@@ -23,7 +22,6 @@ from gtf_tune.pipelines.analytic import AnalyticPipeline, create, imaginary_sequ
 from gtf_tune.pipelines.run import RunKind
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource
 from gtf_tune.study.runs.run_source import SequenceRuns
-from gtf_tune.study.scoring.early_stopping import Decision, Sizing, sizing_of
 from gtf_tune.study.scoring.objective import CoverageFloor, SequenceScore, score_sequence
 from gtf_tune.study.search.samplers import make_sampler
 from gtf_tune.study.search.space import SearchSpace, build_space
@@ -50,16 +48,13 @@ class BareStudy:
     definition: StudyDefinition
     pipeline: AnalyticPipeline = field(default_factory=lambda: create({}))
     space: SearchSpace = field(init=False)
-    sizing: Sizing = field(init=False)
     runs: int = 0
     best: float = math.inf
     pick: Mapping[str, OptionValue] = field(default_factory=dict)
-    incumbent: tuple[float, ...] = ()
     floor: float = 0.0
 
     def __post_init__(self) -> None:
         self.space = build_space(self.definition, self.pipeline.options)
-        self.sizing = sizing_of(self.definition)
         self.planner = RunPlanner(
             self.pipeline,
             self.definition.gtf,
@@ -83,7 +78,7 @@ class BareStudy:
             self.study.enqueue_trial(dict(fixed))
         trial = self.study.ask()
         options = self.space.suggest(trial)
-        score, decision = self._score(number, options)
+        score = self._score(number, options)
         trial.set_constraint("coverage", score.violation)
         if score.score is None or not score.feasible:
             self.study.tell(trial, 2.0 - score.coverage)
@@ -92,28 +87,20 @@ class BareStudy:
         for step, value in enumerate(instances):
             trial.report(value, step)
         value = score.score.value
-        if decision.hopeless:
-            self.study._storage.set_trial_state_values(trial._trial_id, TrialState.PRUNED, [value])
-            return
         self.study.tell(trial, value)
         if value < self.best:
-            self.best, self.pick, self.incumbent = value, options, instances
+            self.best, self.pick = value, options
 
-    def _score(self, number: int, options: Mapping[str, OptionValue]) -> tuple[SequenceScore, Decision]:
+    def _score(self, number: int, options: Mapping[str, OptionValue]) -> SequenceScore:
         clean = [self._run(options, ("clean", index)) for index in range(self.definition.gtf.clean_runs)]
         coverage = min(map(len, clean)) / len(SEQUENCE)
         if number == 0:
             self.floor = self.definition.gtf.coverage_floor * coverage
-        noisy: list[Trajectory] = []
-        decision = Decision(self.sizing.first(is_nominal=number == 0))
-        score = SequenceScore(None, coverage, self.floor - coverage)
-        while coverage >= self.floor and len(noisy) < decision.noisy_runs:
-            noisy += [self._run(options, ("noisy", index)) for index in range(len(noisy), decision.noisy_runs)]
-            runs = SequenceRuns(tuple(clean), tuple(noisy), len(SEQUENCE))
-            score = score_sequence(runs, CoverageFloor(self.floor, self.floor), self.definition.gtf)
-            own = score.score.instance_values.tolist() if score.score and score.feasible else []
-            decision = self.sizing.next(own, self.incumbent)
-        return score, decision
+        if coverage < self.floor:
+            return SequenceScore(None, coverage, self.floor - coverage)
+        noisy = [self._run(options, ("noisy", index)) for index in range(self.definition.gtf.noisy_runs_max)]
+        runs = SequenceRuns(tuple(clean), tuple(noisy), len(SEQUENCE))
+        return score_sequence(runs, CoverageFloor(self.floor, self.floor), self.definition.gtf)
 
     def _run(self, options: Mapping[str, OptionValue], run: tuple[RunKind, int]) -> Trajectory:
         self.runs += 1

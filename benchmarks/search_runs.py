@@ -21,7 +21,6 @@ from gtf_tune.pipelines.analytic import AnalyticPipeline, create
 
 CLOSE = 1.05
 FIXED = {"noisy_runs": 6}
-ADAPTIVE = {"noisy_runs": {"min": 3, "max": 12}}
 CLEAN_RUNS = 2
 AIM_SHARE = 0.25
 _FEW = 0.02
@@ -88,9 +87,7 @@ METHODS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "random": ("random", FIXED),
     "quasi-random": ("qmc", FIXED),
     "TPE": ("tpe", FIXED),
-    "TPE, adaptive sizing": ("tpe", ADAPTIVE),
     "refine": ("refine", FIXED),
-    "refine, adaptive sizing": ("refine", ADAPTIVE),
     "CMA-ES": ("optuna.samplers:CmaEsSampler", FIXED),
     "GP": ("optuna.samplers:GPSampler", FIXED),
 }
@@ -160,11 +157,10 @@ def run(effort: Effort) -> Section:
     return Section(
         title="Runs until the pick is within 5 % of the full grid's optimum",
         text=(
-            f"Analytic pipeline, {seeds} seeds with bounds of their own, median over seeds. Fixed sizing: k = 2, "
-            "k_delta = 6; adaptive sizing: k_delta = 3 to 12. A search has arrived when the true error of its pick "
-            "stays within 5 % of that of the grid's best point until the budget ends; the last column is where its "
-            f"pick stands then. GP, measured where torch is installed, has {_SEEDS['GP']} seeds and at most "
-            f"{_MOST_RUNS['GP']} runs."
+            f"Analytic pipeline, {seeds} seeds with bounds of their own, median over seeds, k = 2, k_delta = 6. A "
+            "search has arrived when the true error of its pick stays within 5 % of that of the grid's best point "
+            "until the budget ends; the last column is where its pick stands then. GP, measured where torch is "
+            f"installed, has {_SEEDS['GP']} seeds and at most {_MOST_RUNS['GP']} runs."
         ),
         header=(
             "space",
@@ -184,8 +180,7 @@ def _conclusion(shares: Mapping[tuple[str, str], float]) -> str:
     """Say which sampler is the default and why, with the figures."""
     kinds = {case.name: {name: share for (one, name), share in shares.items() if one == case.name} for case in CASES}
     told = "; ".join(
-        f"{name}: refine {_share(found['refine'])} and {_share(found['refine, adaptive sizing'])}, TPE "
-        f"{_share(found['TPE'])} and {_share(found['TPE, adaptive sizing'])}, random {_share(found['random'])}"
+        f"{name}: refine {_share(found['refine'])}, TPE {_share(found['TPE'])}, random {_share(found['random'])}"
         for name, found in kinds.items()
     )
     return (
@@ -193,12 +188,10 @@ def _conclusion(shares: Mapping[tuple[str, str], float]) -> str:
         "curve for one option, on a surface and by TPE in turn for several of any kind. It is the default wherever "
         "there is a range: with one option it arrives with the fewest runs, with five it arrives in more seeds than "
         "TPE on the smooth space and on the hard one, where it takes more runs; how both do on images stands below "
-        "(five options of GLOMAP). Shares of the grid's runs with fixed and with "
-        f"adaptive sizing: {told}. The hard space has a bent valley with ripples, "
+        "(five options of GLOMAP). "
+        f"Shares of the grid's runs: {told}. The hard space has a bent valley with ripples, "
         "plateaus, an option that acts under some kernels only, and a region next to the optimum that loses frames. "
-        "CMA-ES knows no words or switches; GP needs torch, and like CMA-ES ignores trials that were stopped early. "
-        "Adaptive sizing pays where many settings are hopeless; nominal and the pick take all of its runs, which is "
-        "why it does not pay on a single option."
+        "CMA-ES knows no words or switches; GP needs torch."
     )
 
 
@@ -223,8 +216,7 @@ def _row(case: Case, name: str, found: Searched) -> tuple[str, ...]:
 
 
 def _aim(case: Case, shares: Mapping[tuple[str, str], float], ended: Mapping[tuple[str, str], float]) -> Aim:
-    own = ("refine", "refine, adaptive sizing") if len(case.points) == 1 else ("TPE", "TPE, adaptive sizing")
-    name = min(own, key=lambda one: (shares[case.name, one], ended[case.name, one]))
+    name = min(("refine", "TPE"), key=lambda name: (shares[case.name, name], ended[case.name, name]))
     share = shares[case.name, name]
     met = share <= AIM_SHARE
     reached = f"{share:.2g} of them" if math.isfinite(share) else f"not within {case.budget} runs in half of the seeds"

@@ -1,12 +1,13 @@
 """Write docs/simulations.md and its figure: how far intervals, tests and confirmations of the score can be trusted.
 
-Run ``python -m benchmarks.simulations [--rounds N] [--write-only]``; the numbers are kept in docs/simulations.json and
-are the same each time.
+Run ``python -m benchmarks.simulations [--only PART ...] [--rounds N] [--write-only]``; the numbers are kept in
+docs/simulations.json and are the same each time. Cells of the table of confirmations are kept as they are finished, and
+an interrupted call goes on with the others; ``--again`` simulates them anew.
 """
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,11 +42,11 @@ test stand beside it.
 _POWER = """
 ## How often a confirmation adopts
 
-Share of confirmations that adopt a configuration whose error is smaller by "effect", for N noisy runs at most; with
-effect 0 that is a false adoption. With three candidates all have the same effect. "as found": 56 % of the variance of
-noise instances is common to both; "paired tightly": 81 %. A confirmation ends as soon as its outcome is clear: "runs of
-16" are the noisy runs that one of at most 16 takes in the mean. Where runs collapse by chance, the rule that a pick
-must not collapse more often than nominal costs power: that is its price.
+Share of confirmations that adopt a configuration whose error is smaller by "effect", for N noisy runs at most, ± its
+standard error over so many "rounds"; with effect 0 that is a false adoption. With three candidates all have the same
+effect. "as found": 56 % of the variance of noise instances is common to both; "paired tightly": 81 %. A confirmation
+ends as soon as its outcome is clear: "runs of 16" are the noisy runs that one of at most 16 takes in the mean. Where
+runs collapse by chance, the rule that a pick must not collapse more often than nominal costs power: that is its price.
 """
 
 
@@ -55,7 +56,8 @@ def page(data: dict[str, Any]) -> str:
     coverage = _table(data["coverage"], ["clean_spread", "collapse", "aggregate", *counts])
     tests = ["clean_spread", "collapse", "effect", "kd", "paired_difference", "t test", "Wilcoxon"]
     shares = [f"N={count}" for count in confirmation_power.NOISY_RUNS]
-    power = _table(data["power"], ["world", "candidates", "effect", *shares, "runs of 16"])
+    powers = [{**record, **{name: _with_error(record, name) for name in shares}} for record in data["power"]]
+    power = _table(powers, ["world", "candidates", "effect", "rounds", *shares, "runs of 16"])
     return "\n".join(
         [
             _COVERAGE.format(rounds=data["rounds"]),
@@ -69,6 +71,11 @@ def page(data: dict[str, Any]) -> str:
     )
 
 
+def _with_error(record: dict[str, Any], name: str) -> str:
+    error = confirmation_power.standard_error(record[name], record["rounds"])
+    return f"{record[name]:.3f} ± {error:.3f}"
+
+
 def _table(records: Records, columns: Sequence[str]) -> str:
     lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     lines += ["| " + " | ".join(_cell(record[name]) for name in columns) + " |" for record in records]
@@ -79,23 +86,40 @@ def _cell(value: object) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
+PARTS = ("coverage", "tests", "power")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=400)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
+    parser.add_argument("--rounds", type=int, default=400, help="rounds a cell of coverage and tests")
+    parser.add_argument("--power-rounds", type=int, default=200, help="rounds a cell of power; four times that at 0")
+    parser.add_argument("--again", action="store_true", help="simulate cells anew that are kept")
     parser.add_argument("--write-only", action="store_true", help="only write the page from the kept numbers")
     arguments = parser.parse_args()
     kept = DOCS / "simulations.json"
-    if not arguments.write_only:
-        data = {
-            "rounds": arguments.rounds,
-            "coverage": list(interval_coverage.coverage(arguments.rounds)),
-            "tests": list(interval_coverage.verdicts(arguments.rounds)),
-            "power": list(confirmation_power.adoptions(arguments.rounds)),
-        }
-        kept.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
-    stored = json.loads(kept.read_text(encoding="utf-8"))
-    (DOCS / "simulations.md").write_text(page(stored), encoding="utf-8")
-    write_svgs({"interval-coverage": draw_coverage(stored["coverage"])}, DOCS / "images")
+    data = json.loads(kept.read_text(encoding="utf-8")) if kept.exists() else {}
+    for part in () if arguments.write_only else arguments.only:
+        for found in _simulated(part, data, arguments):
+            data |= found
+            kept.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    (DOCS / "simulations.md").write_text(page(data), encoding="utf-8")
+    write_svgs({"interval-coverage": draw_coverage(data["coverage"])}, DOCS / "images")
+
+
+def _simulated(part: str, data: dict[str, Any], arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Yield what a part adds to the kept numbers, after each of its cells or at its end."""
+    if part != "power":
+        tables = {"coverage": interval_coverage.coverage, "tests": interval_coverage.verdicts}
+        yield {part: list(tables[part](arguments.rounds)), "rounds": arguments.rounds}
+        return
+    records = [] if arguments.again else [record for record in data.get("power", []) if "rounds" in record]
+    known = frozenset((record["world"], record["candidates"], record["effect"]) for record in records)
+    order = list(confirmation_power.CELLS)
+    for record in confirmation_power.adoptions(arguments.power_rounds, known):
+        records.append(record)
+        records.sort(key=lambda one: order.index((one["world"], one["candidates"], one["effect"])))
+        yield {"power": records}
 
 
 if __name__ == "__main__":

@@ -30,7 +30,6 @@ from gtf_tune.cli.main import app
 from gtf_tune.definition import (
     GtfDefinition,
     LimitsDefinition,
-    NoisyRuns,
     PipelineDefinition,
     RangeAxis,
     SearchDefinition,
@@ -53,7 +52,6 @@ SECTIONS: Mapping[str, tuple[type[BaseModel], str]] = {
     "space (range)": (RangeAxis, "`[space]`: an option between two bounds."),
     "space (values)": (ValuesAxis, "`[space]`: an option over a list; the only kind for booleans and enumerations."),
     "gtf": (GtfDefinition, "`[gtf]`: how a setting is scored."),
-    "gtf.noisy_runs": (NoisyRuns, "`noisy_runs = { min = ..., max = ... }`: a number of noisy runs that may grow."),
     "side_metric": (
         SideMetricDefinition,
         "`[side_metric]`: how runs are measured against ground truth, beside the search.",

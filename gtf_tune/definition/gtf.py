@@ -10,7 +10,7 @@ _MAX_GREY = 255
 
 
 class NoisyRuns(Section):
-    """Number of noisy runs that grows from ``min`` to ``max`` for as long as a trial may be the best one."""
+    """Number of noisy runs that grew from ``min`` to ``max`` in earlier versions; stored studies may name it."""
 
     min: int = Field(default=3, ge=2)
     max: int = Field(default=12, ge=2)
@@ -61,17 +61,17 @@ class GtfDefinition(Section):
 
     @property
     def noisy_runs_min(self) -> int:
-        """Return how many noisy runs every trial gets."""
+        """Return how many noisy runs every trial has."""
         return self.noisy_runs if isinstance(self.noisy_runs, int) else self.noisy_runs.min
 
     @property
     def noisy_runs_max(self) -> int:
-        """Return how many noisy runs a trial gets at the most."""
+        """Return how many noisy runs a trial gets."""
         return self.noisy_runs if isinstance(self.noisy_runs, int) else self.noisy_runs.max
 
     @property
     def noisy_runs_text(self) -> str:
-        """Return how many noisy runs a trial gets, in words: ``6`` or ``3 to 12``."""
+        """Return how many noisy runs the trials of a study have, in words: ``6`` or ``3 to 12``."""
         least, most = self.noisy_runs_min, self.noisy_runs_max
         return str(most) if least == most else f"{least} to {most}"
 

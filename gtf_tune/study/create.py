@@ -99,6 +99,7 @@ def create_study(
         A sequence cannot be read, two of them have the same images, an option is refused, a package is missing, or the
         name is taken.
     """
+    _refuse_early_stopping(definition)
     pipeline = runnable(pipeline or make_pipeline(definition), definition.name)
     definition = _with_device(definition, pipeline)
     space = build_space(definition, pipeline.options)
@@ -132,6 +133,21 @@ def create_study(
         for sequence in loaded:
             say_notes(sequence, on_note, named=len(loaded) > 1)
     return study
+
+
+def _refuse_early_stopping(definition: StudyDefinition) -> None:
+    """Raise `DefinitionError` for what earlier versions stopped trials by; stored studies may name it."""
+    gtf = definition.gtf
+    if gtf.noisy_runs_min < gtf.noisy_runs_max:
+        raise DefinitionError(
+            f"a number of noisy runs that grows, here {gtf.noisy_runs_text}, is no longer part of gtf-tune: it cost "
+            f"more runs than it saved; give one number, such as noisy_runs = {gtf.noisy_runs_min}"
+        )
+    if definition.search.pruner != "none":
+        raise DefinitionError(
+            f"pruner '{definition.search.pruner}' is no longer part of gtf-tune: it cost more runs than it saved; "
+            "leave it out"
+        )
 
 
 def _with_device(definition: StudyDefinition, pipeline: Pipeline) -> StudyDefinition:

@@ -103,6 +103,9 @@ def derive_study(database: Database, name: str, extension: Extension, new_name: 
     study = studies.get(database, name)
     definition = stored_definition(study)
     data = _changed(definition, extension) | {"name": new_name}
+    data["search"]["pruner"] = "none"  # of earlier versions, as is a number of noisy runs that grows
+    if extension.noisy_runs is None:
+        data["gtf"]["noisy_runs"] = definition.gtf.noisy_runs_max
     return create_study(database, checked_definition(data, f"study '{new_name}'"), Path(study.root))
 
 

@@ -20,7 +20,6 @@ from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.study.runs.plan import RunPlanner, SeedSource
 from gtf_tune.study.scoring.objective import check_rules
-from gtf_tune.study.search.samplers import make_pruner
 from gtf_tune.study.search.space import SearchSpace, build_space
 from gtf_tune.study.stored_cameras import camera_change, camera_columns, with_stored_cameras
 
@@ -196,7 +195,7 @@ def open_study(
         study_name=storage.get_study_name_from_id(record.optuna_study_id),
         storage=storage,
         sampler=RandomSampler(definition.search.seed),  # workers make one for every trial
-        pruner=make_pruner(definition.search),
+        pruner=optuna.pruners.NopPruner(),
     )
     sequences, changes = _searched_sequences(database, record, definition, places or {})
     return OpenStudy(

@@ -238,7 +238,7 @@ class _Writer:
             noisy_runs=NOISY,
             wall_s=12.5,
             message={"complete": "", "pruned": "stopped early: worse than trial 3"}.get(state, REASON),
-            detail={"sequences": detail, "instances": only.instance_values.tolist() if feasible else [], "sizing": ""},
+            detail={"sequences": detail, "instances": only.instance_values.tolist() if feasible else []},
         )
 
     def _tell_optuna(self, lease: TrialLease, options: Mapping[str, Any], result: TrialResult) -> None:

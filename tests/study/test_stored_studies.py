@@ -7,12 +7,15 @@ from typing import Any
 
 import pytest
 
+from gtf_tune.definition import StudyDefinition
 from gtf_tune.execution import InlineExecutor
 from gtf_tune.execution.base import RunLimits
-from gtf_tune.store import runs, trials
+from gtf_tune.store import runs, studies, trials
 from gtf_tune.store.database import Database, open_database
 from gtf_tune.store.maintenance.digest import study_digest
 from gtf_tune.store.runs import digest_of
+from gtf_tune.store.studies import stored_definition
+from gtf_tune.study import edit
 from gtf_tune.study.open_study import OpenStudy, open_study
 from gtf_tune.study.outcome.confirm import confirm, plan_confirmation
 from gtf_tune.study.runs.run_source import RunSource
@@ -36,8 +39,6 @@ DIGESTS = {
     "qmc": "bc750b231f07c04b1c062e71e71956fc9b20587609738fbce7df4f64436b3a41",
     "random": "40b52d9959a469aa638f7137779575a4b82ca2c8df5e17426119ee0dd5f5dce0",
     "grid": "a8825f6b2cba6ec1249b0435d92ecf1c878c6f40ba64ad1ccf2f479eeceed1e9",
-    "adaptive": "8b30a7492f3c827f25272909ba7c0805866a8e8933e63fe52da5b91d6d45ba76",
-    "wilcoxon": "2a3ee4b832f52ab101817f0568f879618aa766506a8243201da9bdbdd61fae33",
 }
 """What `study_digest` gives for the finished studies at commit a5c3ed4."""
 
@@ -62,6 +63,39 @@ def test_a_study_of_an_earlier_commit_ends_as_it_ended_there(stored: Database, n
     assert all(mine == pytest.approx(theirs) for (mine, *_), (theirs, *_) in zip(found, FINISHED[name], strict=True))
     if _rounds_alike(study):
         assert study_digest(stored, name) == DIGESTS[name]
+
+
+@pytest.mark.parametrize(("stored", "name"), [("adaptive", "adaptive"), ("wilcoxon", "wilcoxon")], indirect=["stored"])
+def test_a_study_that_stopped_trials_early_goes_on_with_all_runs_of_a_trial(
+    stored: Database, name: str, room: Path
+) -> None:
+    study = open_study(stored, name, {"room": room})
+    begun = {one.number: one.state for one in trials.of_study(stored, study.record.id) if one.state != "claimed"}
+
+    StudyWorker(study, InlineExecutor()).work()
+
+    found = {one.number: one for one in trials.of_study(stored, study.record.id)}
+    assert "pruned" in begun.values()
+    assert {number: found[number].state for number in begun} == begun
+    assert len(found) == study.budget > len(begun)
+    later = [one for number, one in found.items() if number not in begun]
+    assert {one.state for one in later} == {"complete"}
+    assert {one.noisy_runs for one in later if one.feasible} == {study.definition.gtf.noisy_runs_max}
+
+
+def test_a_study_derived_from_one_that_stopped_trials_early_gives_every_trial_all_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored = open_database(str(shutil.copy(ASSETS / "early_stopping.db", tmp_path / "stored.db")))
+    derived: list[StudyDefinition] = []
+    monkeypatch.setattr(edit, "create_study", lambda database, definition, root: derived.append(definition))
+
+    for name in FILES["early_stopping.db"]:
+        edit.derive_study(stored, name, edit.Extension(trials=5), f"more-{name}")
+
+    most = [stored_definition(studies.get(stored, name)).gtf.noisy_runs_max for name in FILES["early_stopping.db"]]
+    assert [made.gtf.noisy_runs for made in derived] == most
+    assert [made.search.pruner for made in derived] == ["none", "none"]
 
 
 def _rounds_alike(study: OpenStudy) -> bool:

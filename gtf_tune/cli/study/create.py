@@ -64,7 +64,7 @@ def create(
     range_: Range = None,
     values: Values = None,
     clean_runs: Annotated[int | None, typer.Option("--clean-runs", "-k", help="k, clean runs of a trial.")] = None,
-    noisy_runs: Annotated[str | None, typer.Option("--noisy-runs", "-K", help="k_delta, or MIN:MAX.")] = None,
+    noisy_runs: Annotated[int | None, typer.Option("--noisy-runs", "-K", help="k_delta, noisy runs.")] = None,
     noise_sigma: Annotated[
         str | None, typer.Option("--noise-sigma", help="Noise in grey levels (0..255), or auto.")
     ] = None,
@@ -101,7 +101,7 @@ def create(
     _select(data, {"camera": parse_camera(camera) if camera else None})
     _select(data, {"cameras": cameras.value if cameras is not CameraGrouping.auto else None})
     _add_space(data, range_ or [], values or [])
-    _put(data, "gtf", clean_runs=clean_runs, noisy_runs=_runs(noisy_runs), aggregate=aggregate)
+    _put(data, "gtf", clean_runs=clean_runs, noisy_runs=noisy_runs, aggregate=aggregate)
     _put(data, "gtf", noise_sigma=None if noise_sigma is None else parse_value(noise_sigma))
     _put(data, "side_metric", **parse_pairs(side, "--side"))
     _put(data, "search", sampler=sampler, trials=trials, seed=seed)
@@ -157,14 +157,6 @@ def _distinct_names(paths: list[Path]) -> list[str]:
         if deeper == depths:
             return names
         depths = deeper
-
-
-def _runs(text: str | None) -> Any:
-    """Return a number of runs, or the bounds that MIN:MAX gives."""
-    if text is None or ":" not in text:
-        return None if text is None else parse_value(text)
-    low, high = text.split(":", 1)
-    return {"min": parse_value(low), "max": parse_value(high)}
 
 
 def _select(data: dict[str, Any], selection: dict[str, Any]) -> None:

@@ -100,7 +100,6 @@ def _write_heading(
     gtf = definition.gtf
     noise = _noise(definition, study)
     finished = sum(effort.count for effort in efforts if effort.state != "claimed")
-    saved = _saved(definition, efforts)
     write_pairs(
         {
             "study": f"{definition.name} ({study.state}, {finished} trials done)",
@@ -112,7 +111,6 @@ def _write_heading(
             "sampler": f"{definition.search.sampler}, seed {definition.search.seed}",
             "runs": f"{cost.made} made in {duration(cost.made_s)}, {cost.reused} reused, {cost.failed} failed",
             **({"under way": kept} if kept else {}),
-            **({"saved": saved} if saved else {}),
         }
     )
     write_line("")
@@ -127,20 +125,6 @@ def _noise(definition: "StudyDefinition", study: "Study") -> str:
     if len(set(found.values())) > 1:
         return f"at {', '.join(f'{sigma:g} ({name})' for name, sigma in found.items())} grey levels"
     return next((f"at {sigma:g} grey levels" for sigma in found.values()), "(the noise is measured first)")
-
-
-def _saved(definition: "StudyDefinition", efforts: list["Effort"]) -> str:
-    """Return how many runs early stopping saved; nothing before a trial has ended."""
-    from gtf_tune.study.scoring.savings import runs_saved
-
-    found = runs_saved(efforts, definition)
-    if not found.full:
-        return ""
-    ways = {"sizing": found.by_sizing, "the pruner": found.by_pruner, "infeasible trials": found.by_coverage}
-    listed = ", ".join(f"{count} by {way}" for way, count in ways.items() if count)
-    if not listed:
-        return "no run: every trial took all of its runs"
-    return f"{listed} ({found.share:.0%} of {found.full} runs)"
 
 
 def _write_trials(

@@ -1,4 +1,4 @@
-"""Score a trial: obtain its runs, and compare it with the nominal trial and with the best one before it."""
+"""Score a trial: obtain its runs, and compare it with the nominal trial."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -13,7 +13,6 @@ from gtf_tune.store import runs, trials
 from gtf_tune.study.open_study import OpenStudy
 from gtf_tune.study.runs.plan import FinishedRun, run_order
 from gtf_tune.study.runs.run_source import RunSource, SequenceRuns, finished_by_sequence, stored_by_sequence
-from gtf_tune.study.scoring.early_stopping import Decision
 from gtf_tune.study.scoring.objective import (
     CoverageFloor,
     TrialScore,
@@ -28,18 +27,16 @@ from gtf_tune.study.scoring.objective import (
 
 @dataclass(frozen=True)
 class Reference:
-    """What the nominal trial and the incumbent found.
+    """What the nominal trial found.
 
     ``nominal_scores`` and ``floors`` are by sequence; ``nominal_value`` is the value of trial 0, ``None`` while it is
     being scored or where it is infeasible. ``nominal_detail`` is what trial 0 stored, its matrices included.
-    ``incumbent`` holds the instance values of the best trial before this one.
     """
 
     floors: Mapping[str, CoverageFloor]
     nominal_scores: Mapping[str, float] = field(default_factory=dict)
     nominal_value: float | None = None
     nominal_detail: Mapping[str, Any] = field(default_factory=dict, repr=False)
-    incumbent: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +45,7 @@ class ScoredTrial:
 
     ``runs`` are in the order in which they count, ``by_sequence`` has their trajectories. ``instances`` are the values
     of the noisy instances in order: for several sequences the geometric mean over sequences, each relative to its
-    nominal score. ``reference`` is what the trial is compared with, and ``decision`` says why it has as many noisy runs
-    as it has.
+    nominal score. ``reference`` is what the trial is compared with.
     """
 
     options: Mapping[str, OptionValue]
@@ -58,7 +54,6 @@ class ScoredTrial:
     runs: tuple[FinishedRun, ...] = field(repr=False)
     by_sequence: Mapping[str, SequenceRuns] = field(repr=False)
     instances: tuple[float, ...]
-    decision: Decision = field(default_factory=lambda: Decision(0))
 
     @property
     def noisy_runs(self) -> int:
@@ -151,7 +146,7 @@ def read_reference(study: OpenStudy, number: int) -> Reference:
             "compared over several sequences; leave that sequence out or fix options so that the nominal setting works"
         )
     value = nominal.value if nominal.feasible else None
-    return Reference(floors, scores, value, stored, _incumbent(study, number))
+    return Reference(floors, scores, value, stored)
 
 
 def _floors(study: OpenStudy, nominal_id: int, detail: Mapping[str, Any]) -> dict[str, CoverageFloor]:
@@ -170,8 +165,3 @@ def _floors(study: OpenStudy, nominal_id: int, detail: Mapping[str, Any]) -> dic
         floor = coverage_floor(clean, noisy, share, rules).at_least(least_floor(len(sequence)))
         floors[name] = replace(floor, frames=frames.get(name) if rules > 1 else None)
     return floors
-
-
-def _incumbent(study: OpenStudy, number: int) -> tuple[float, ...]:
-    best = trials.best(study.database, study.record.id, before=number)
-    return () if best is None else tuple(trials.details(study.database, [best.id])[best.id]["instances"])

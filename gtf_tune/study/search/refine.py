@@ -11,7 +11,6 @@ from optuna.distributions import BaseDistribution, FloatDistribution, IntDistrib
 from optuna.samplers import BaseSampler
 from optuna.trial import FrozenTrial, TrialState
 
-from gtf_tune.study.scoring.early_stopping import compare
 from gtf_tune.study.search.curve import fit_curve, next_place
 from gtf_tune.trajectory import FloatArray
 
@@ -26,8 +25,8 @@ _INFEASIBLE = math.log(2.0)
 class RefineSampler(BaseSampler):
     """Sampler of a single numeric option; deterministic, and safe beside other workers.
 
-    A stopped trial counts with its ratio to the best trial on the noise instances that both have; an infeasible one as
-    twice the worst score; one that another worker runs as what the curve predicts without it. A step that falls on
+    An infeasible trial counts as twice the worst score; one that another worker runs as what the curve predicts without
+    it. A step that falls on
     ``nominal``, which trial 0 measures, is left out. ``position`` is that of the trial in the search, its number unless
     given.
     """
@@ -143,13 +142,9 @@ def log_scores(trials: list[FrozenTrial]) -> dict[int, float]:
     }
     if not complete:
         return {}
-    best = min(complete, key=lambda index: complete[index])
-    stopped = {
-        index: complete[best] + compare(_instances(trial), _instances(trials[best])).log_ratio
-        for index, trial in enumerate(trials)
-        if trial.state == TrialState.PRUNED
-    }
-    worst = max([*complete.values(), *stopped.values()])
+    worst = max(complete.values())
+    # Earlier versions stopped poor trials early; their scores are of fewer runs.
+    stopped = {index: worst for index, trial in enumerate(trials) if trial.state == TrialState.PRUNED}
     infeasible = {
         index: worst + _INFEASIBLE
         for index, trial in enumerate(trials)
@@ -160,7 +155,3 @@ def log_scores(trials: list[FrozenTrial]) -> dict[int, float]:
 
 def _is_feasible(trial: FrozenTrial) -> bool:
     return all(value <= 0 for value in trial.constraints.values())
-
-
-def _instances(trial: FrozenTrial) -> list[float]:
-    return [value for _, value in sorted(trial.intermediate_values.items())]

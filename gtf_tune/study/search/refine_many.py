@@ -24,8 +24,8 @@ _FULL_SCALE = 1.0
 class RefineManySampler(BaseSampler):
     """Sampler of several options; the same finished trials and seeds give the same choice.
 
-    Every other trial is left to TPE, since the surface alone gets stuck where scores do not vary smoothly. Stopped and
-    infeasible trials and those of other workers count as in `RefineSampler`. Scores far above the best one are
+    Every other trial is left to TPE, since the surface alone gets stuck where scores do not vary smoothly. Infeasible
+    trials and those of other workers count as in `RefineSampler`. Scores far above the best one are
     compressed, so that poor regions do not decide how the surface is fitted near the best. ``start_seed`` places the
     even points, ``seed`` is that of the trial, and ``position`` its place in the search, its number unless given.
     """

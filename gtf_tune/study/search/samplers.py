@@ -1,4 +1,4 @@
-"""Samplers and pruners by the names that a definition gives them."""
+"""Samplers by the names that a definition gives them."""
 
 import inspect
 import warnings
@@ -6,7 +6,6 @@ from collections.abc import Callable
 
 from optuna.distributions import CategoricalDistribution
 from optuna.exceptions import ExperimentalWarning
-from optuna.pruners import BasePruner, NopPruner, WilcoxonPruner
 from optuna.samplers import BaseSampler, RandomSampler, TPESampler
 
 from gtf_tune.definition import DEFAULT_TRIALS, SearchDefinition, StudyDefinition
@@ -15,15 +14,10 @@ from gtf_tune.definition.objects import load_object
 from gtf_tune.errors import DefinitionError
 from gtf_tune.store.optuna.foreign_sampler import ForeignSampler
 from gtf_tune.study.runs.plan import SeedSource
-from gtf_tune.study.scoring.early_stopping import PRUNER_FIRST
 from gtf_tune.study.search.qmc import NumberedPointsSampler
 from gtf_tune.study.search.refine import RefineSampler
 from gtf_tune.study.search.refine_many import RefineManySampler
 from gtf_tune.study.search.space import SearchSpace
-
-WILCOXON_P = 0.05
-WILCOXON_FEWEST = 8
-"""Fewest noisy runs of a trial with which the pruner saves enough runs to be worth it."""
 
 _FEWEST_STARTUP = 10
 _STARTUP_PER_OPTION = 4
@@ -99,44 +93,6 @@ def _refine(space: SearchSpace, position: int, start_seed: int, seed: int) -> Ba
     return RefineManySampler(space.distributions, start_seed, seed, position)
 
 
-def make_pruner(search: SearchDefinition) -> BasePruner:
-    """Return the pruner, which is asked between noisy runs."""
-    if search.pruner != "wilcoxon":
-        return NopPruner()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ExperimentalWarning)
-        return WilcoxonPruner(p_threshold=WILCOXON_P, n_startup_steps=PRUNER_FIRST)
-
-
 def check_search(definition: StudyDefinition, space: SearchSpace) -> None:
-    """Raise one `DefinitionError` that names everything in a search that does not work together."""
-    faults = _stopping_faults(definition)
-    if faults:
-        raise DefinitionError("; ".join(faults))
+    """Raise `DefinitionError` where the sampler of a search cannot be made."""
     make_sampler(definition.search, 0, space)
-
-
-def _stopping_faults(definition: StudyDefinition) -> list[str]:
-    """Return what forbids to stop trials early, where that is asked for."""
-    gtf, search = definition.gtf, definition.search
-    adaptive, pruned = gtf.noisy_runs_min < gtf.noisy_runs_max, search.pruner == "wilcoxon"
-    asked = "pruner = 'wilcoxon'" if pruned else "noisy_runs = { min, max }"
-    faults: list[str] = []
-    if adaptive and pruned:
-        faults.append(
-            "noisy_runs = { min, max } and pruner = 'wilcoxon' both stop trials early; give a fixed number of noisy "
-            "runs, or drop the pruner"
-        )
-    if pruned and gtf.noisy_runs_max < WILCOXON_FEWEST:
-        faults.append(
-            f"pruner = 'wilcoxon' cannot decide before noisy run {PRUNER_FIRST}, so with {gtf.noisy_runs_max} noisy "
-            f"runs it saves nothing; give it {WILCOXON_FEWEST} or more, or drop it"
-        )
-    if (adaptive or pruned) and not gtf.common_noise:
-        faults.append(f"{asked} compares trials on the noise that they share; set common_noise = true or drop it")
-    if (adaptive or pruned) and search.is_foreign:
-        faults.append(
-            f"sampler '{search.sampler}' may not learn from trials that were stopped early and would repeat them; use "
-            f"sampler 'refine' or 'tpe', or drop {asked}"
-        )
-    return faults

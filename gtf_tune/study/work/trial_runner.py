@@ -35,7 +35,6 @@ from gtf_tune.study.outcome.improvement import (
 )
 from gtf_tune.study.runs.run_source import Interrupted, NothingWorksError, RunSource, SequenceRuns, run_limits
 from gtf_tune.study.runs.stop import StopRequest
-from gtf_tune.study.scoring.early_stopping import Decision, Sizing
 from gtf_tune.study.scoring.objective import SequenceScore, made_by
 from gtf_tune.study.scoring.trial_scorer import ScoredTrial, TrialScorer, read_reference
 from gtf_tune.study.search.samplers import make_sampler
@@ -48,7 +47,6 @@ class TrialRunner:
 
     study: OpenStudy
     executor: Executor
-    sizing: Sizing
     stop: StopRequest
     on_event: Callback
     heartbeat: Heartbeat
@@ -137,7 +135,7 @@ class TrialRunner:
         if not trial_queue.attach_optuna_trial(self.study.database, lease, trial_id, trial.number, options):
             raise Interrupted
         gtf = self.study.definition.gtf
-        planned = (gtf.clean_runs + self.sizing.first(is_nominal=lease.number == 0)) * len(self.study.sequences)
+        planned = (gtf.clean_runs + gtf.noisy_runs_max) * len(self.study.sequences)
         self.on_event(TrialStarted(lease.number, options, planned))
         return trial, options
 
@@ -172,26 +170,12 @@ class TrialRunner:
         return number - len(before)
 
     def _score(self, trial: Trial, scorer: TrialScorer) -> ScoredTrial:
-        """Score clean runs, then noisy ones as the sizing asks for them; stop as soon as the trial is infeasible."""
+        """Score the clean runs, then the noisy ones too unless the trial is infeasible already."""
         scored = scorer.score(noisy_runs=0)
-        count = self.sizing.first(is_nominal=scorer.number == 0)
-        while scored.score.feasible:
-            scored = scorer.score(noisy_runs=count)
+        if scored.score.feasible:
+            scored = scorer.score(noisy_runs=self.study.definition.gtf.noisy_runs_max)
             report_instances(trial, scored)
-            decision = self._decide(trial, scored)
-            scored = replace(scored, decision=decision)
-            if decision.noisy_runs <= count:
-                break
-            count = decision.noisy_runs
         return scored
-
-    def _decide(self, trial: Trial, scored: ScoredTrial) -> Decision:
-        decision = self.sizing.next(scored.instances, scored.reference.incumbent)
-        count = len(scored.instances)
-        asks = self.study.definition.search.pruner != "none"
-        if asks and decision.noisy_runs > count and trial.should_prune():
-            return Decision(count, f"Optuna's pruner gave the trial up after {count} noisy runs", hopeless=True)
-        return decision
 
 
 def _used(lease: TrialLease, scored: ScoredTrial) -> list[TrialRun]:
@@ -239,8 +223,6 @@ def _attributes(scored: ScoredTrial, improvement: Improvement, wall_s: float) ->
         attributes["gtf_ate"] = score.value
         if math.isfinite(score.standard_error):
             attributes["gtf_se"] = score.standard_error
-        if scored.decision.hopeless:
-            attributes["stopped_early"] = True
         if improvement.is_known:
             attributes["improvement_percent"] = round(100 * improvement.value, 2)
     return attributes
@@ -248,13 +230,13 @@ def _attributes(scored: ScoredTrial, improvement: Improvement, wall_s: float) ->
 
 def trial_result(scored: ScoredTrial, improvement: Improvement, wall_s: float) -> TrialResult:
     """Return the row of a trial, its matrices included."""
-    score, decision = scored.score, scored.decision
+    score = scored.score
     low, high = score.confidence_interval
     by_sequence = {
         name: _sequence_detail(sequence, scored.by_sequence[name]) for name, sequence in score.by_sequence.items()
     }
     return TrialResult(
-        state="pruned" if decision.hopeless else "complete",
+        state="complete",
         value=score.value,
         feasible=score.feasible,
         gtf_ate=score.value if score.feasible else None,
@@ -266,11 +248,10 @@ def trial_result(scored: ScoredTrial, improvement: Improvement, wall_s: float) -
         clean_runs=sum(run.request.kind == "clean" for run in scored.runs),
         noisy_runs=sum(run.request.kind == "noisy" for run in scored.runs),
         wall_s=wall_s,
-        message=score.message or (decision.reason if decision.hopeless else ""),
+        message=score.message,
         detail={
             "sequences": by_sequence,
             "instances": list(scored.instances),
-            "sizing": decision.reason,
             "improvement": improvement.as_json(),
         },
     )

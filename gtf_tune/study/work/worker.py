@@ -16,7 +16,6 @@ from gtf_tune.study.events import Callback, Event
 from gtf_tune.study.open_study import OpenStudy, trial_budget
 from gtf_tune.study.runs.run_source import Interrupted
 from gtf_tune.study.runs.stop import FINISH_RUNS, StopRequest
-from gtf_tune.study.scoring.early_stopping import sizing_of
 from gtf_tune.study.scoring.objective import made_by
 from gtf_tune.study.search.samplers import make_sampler
 from gtf_tune.study.search.space import option_faults
@@ -84,7 +83,6 @@ class StudyWorker:
             runner = TrialRunner(
                 study=self.study,
                 executor=self.executor,
-                sizing=sizing_of(self.study.definition),
                 stop=stop,
                 on_event=self._announce,
                 heartbeat=heartbeat,
