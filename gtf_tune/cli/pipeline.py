@@ -98,7 +98,8 @@ def presets(
     write_line("")
     for option in preset.options:
         unit = f" [{option.unit}]" if option.unit else ""
-        write_line(f"{option.name}{unit}: {_axis_text(option.axis)}  (tier {option.tier})")
+        only = ", only where the intrinsics are unknown" if option.unknown_intrinsics else ""
+        write_line(f"{option.name}{unit}: {_axis_text(option.axis)}  (tier {option.tier}{only})")
         write_line(f"    {option.reason} Source: {option.source}.")
     write_line("")
     write_line("tried first: " + "; ".join(map(_options_text, preset.first)) if preset.first else "")

@@ -216,7 +216,7 @@ def _begin(
     if known is not None:
         say(f"going on with study '{known.name}'; --new begins another one")
         return known
-    say("estimate: timing a run with the nominal options")
+    say(f"inspect: reading {request.source}")
     stop, minutes = StopRequest(), f"{round(request.minutes, 1):g} minutes"
     clock = StopRequest(stop)
 

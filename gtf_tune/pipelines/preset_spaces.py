@@ -19,6 +19,7 @@ class PresetOption:
 
     ``axis`` is its axis as a study definition has it. ``tier`` says what a trial repeats: 1 mapping only, 2 also
     verification, 3 everything. ``unit`` is "pixels" where the range belongs to full-size images.
+    ``unknown_intrinsics`` is true for one that has an effect only where the intrinsics are unknown.
     """
 
     name: str
@@ -27,6 +28,7 @@ class PresetOption:
     unit: str
     reason: str
     source: str
+    unknown_intrinsics: bool = False
 
 
 @dataclass(frozen=True)
@@ -64,9 +66,17 @@ class PresetSpace:
     first: tuple[Mapping[str, OptionValue], ...]
     baselines: tuple[Baseline, ...]
 
-    def axes(self, tier: int = DEFAULT_TIER) -> dict[str, Mapping[str, object]]:
-        """Return the axes of the options up to a tier, as a study definition has them."""
-        return {option.name: option.axis for option in self.options if option.tier <= tier}
+    def axes(self, tier: int = DEFAULT_TIER, *, unknown_intrinsics: bool = False) -> dict[str, Mapping[str, object]]:
+        """Return the axes of the options up to a tier that have an effect, as a study definition has them."""
+        return {
+            option.name: option.axis
+            for option in self.options
+            if option.tier <= tier and option.unknown_intrinsics <= unknown_intrinsics
+        }
+
+    def depends_on_intrinsics(self, tier: int) -> bool:
+        """Whether options up to a tier have an effect only where the intrinsics are unknown."""
+        return self.axes(tier) != self.axes(tier, unknown_intrinsics=True)
 
     def tier(self, name: str) -> int:
         """Return the tier of the preset with a name.
@@ -149,4 +159,5 @@ def preset_search(
 
 def _option(data: Mapping[str, Any]) -> PresetOption:
     axis = data["range"] if "range" in data else {"values": data["values"]}
-    return PresetOption(data["name"], data["tier"], axis, data.get("unit", ""), data["reason"], data["source"])
+    given = {key: value for key, value in data.items() if key not in ("range", "values")}
+    return PresetOption(**{"unit": "", **given}, axis=axis)

@@ -48,7 +48,7 @@ def test_tune_goes_from_a_definition_to_options_trajectories_and_a_report(cli: C
         "trajectory-nominal.txt",
         "report.html",
     }
-    phases = [done.err.index(word) for word in ("estimate:", "plan:", "search:", "confirm:", "write:")]
+    phases = [done.err.index(word) for word in ("inspect:", "estimate:", "plan:", "search:", "confirm:", "write:")]
     assert phases == sorted(phases)
     best = json.loads(cli("study", "best", "slam", "--json").out)
     assert best["headline"] in done.out

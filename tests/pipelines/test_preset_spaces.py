@@ -14,7 +14,7 @@ EVERYTHING = 3
 
 @pytest.mark.parametrize("name", preset_pipelines())
 def test_every_axis_suits_its_pipeline(name: str) -> None:
-    axes = preset_space(name).axes(EVERYTHING)
+    axes = preset_space(name).axes(EVERYTHING, unknown_intrinsics=True)
 
     checked = {option: TypeAdapter(Axis).validate_python(dict(axis)) for option, axis in axes.items()}
 
@@ -51,6 +51,15 @@ def test_only_what_repeats_mapping_is_searched_by_default() -> None:
         "mapper.bundle_adjustment.ceres.loss_function_scale",
         "mapper.max_normalized_reproj_error",
     }
+
+
+def test_the_view_graph_is_searched_only_where_it_gives_the_focal_lengths() -> None:
+    space = preset_space("glomap")
+
+    known, unknown = (set(space.axes(space.tier("verification"), unknown_intrinsics=value)) for value in (False, True))
+
+    assert {name.partition(".")[0] for name in unknown - known} == {"view_graph"}
+    assert not space.depends_on_intrinsics(space.tier("mapping"))
 
 
 def test_a_pipeline_without_a_preset_is_one_sentence() -> None:

@@ -157,6 +157,10 @@ class Budget:
         """Return the estimated wall time of the nominal trial, or of what is left of it."""
         return self.waves(self.nominal_runs) * price.whole_s
 
+    def model_s(self, full: RunPrice) -> float:
+        """Return the estimated wall time of the second model: matches are verified anew where a baseline is adopted."""
+        return max(full.repeated_s, full.verified_s) if self.baselines else full.repeated_s
+
     def least_s(self, price: RunPrice, full: RunPrice) -> float:
         """Return the seconds without which nothing is compared: the nominal trial, another one, and its model."""
         return self.nominal_s(price) + self.trial_s(price) + _SLACK * full.repeated_s + AROUND_S
@@ -215,8 +219,8 @@ class Budget:
             runs = max(runs, next(enough, 0))
         shortened = min(ABLATIONS, max(affordable(runs) - more, 0)) if runs else 0
         search_s = nominal_s + (more + shortened) * trial_s
-        confirm_s = self.confirmation_s(price, runs)
-        return Ahead(more, self.candidates, self.baselines, runs, search_s, confirm_s, full.repeated_s + AROUND_S)
+        confirm_s, write_s = self.confirmation_s(price, runs), self.model_s(full) + AROUND_S
+        return Ahead(more, self.candidates, self.baselines, runs, search_s, confirm_s, write_s)
 
     def _has(self, price: RunPrice, runs: int, free: float, trials: int) -> bool:
         """Whether there is time for a confirmation with so many noisy runs after so many trials."""
@@ -224,7 +228,7 @@ class Budget:
 
     def _free(self, left_s: float, full: RunPrice) -> float:
         """Return the seconds that search and confirmation may take together."""
-        return left_s - _SLACK * full.repeated_s - AROUND_S
+        return left_s - _SLACK * self.model_s(full) - AROUND_S
 
     def _shared_runs(self, price: RunPrice, free: float) -> int:
         """Return the noisy runs of a confirmation that its share of the free time buys, at least the fewest."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gtf_tune.definition import SequenceDefinition, StudyDefinition
+from gtf_tune.display import count
 from gtf_tune.errors import RunError
 from gtf_tune.metrics import AteSettings, pairwise_matrix
 from gtf_tune.pipelines import OptionValue, Pipeline
@@ -114,6 +115,7 @@ class Estimate:
 
         Images that would take too large a part of the time are reduced.
         """
+        self.means.announce(f"inspect: {self._found}; pipeline {self.pipeline.name}")
         say_notes(self.whole, self.means.announce)
         if not makes_models(self.pipeline.name):
             price = replace(self.measured(Reduction()), repeated_s=0.0)
@@ -140,6 +142,7 @@ class Estimate:
         """Return what a run of nominal costs there; it is stored for the nominal trial."""
         if reduction not in self._measured:
             used = self.sequence(reduction)
+            self.means.announce(f"estimate: timing a run with the nominal options on {self.shown(reduction)}")
             stage_s, clean, self._stored[reduction] = _timed_stages(
                 self.definition, self.pipeline, used, self.means.source, len(self.whole)
             )
@@ -183,6 +186,15 @@ class Estimate:
             return low.times((pixels / few) ** _PRICE_EXPONENT)
         most, high = known[-1]
         return low.between(high, math.log(pixels / few) / math.log(most / few)) if most > few else low
+
+    @property
+    def _found(self) -> str:
+        """All images in words: how many, how large, by which cameras, and whether their intrinsics are known."""
+        whole = self.whole
+        sizes = dict.fromkeys(f"{width}x{height}" for width, height in (camera.size for camera in whole.cameras))
+        known = all(camera.intrinsics is not None for camera in whole.cameras)
+        taken_by = f"{count(len(whole.cameras), 'camera')} with {'known' if known else 'unknown'} intrinsics"
+        return f"{count(len(whole), 'image')} of {' and '.join(sizes)} pixels, {taken_by}"
 
     def shown(self, reduction: Reduction) -> str:
         """Return how many images of which size a reduction leaves."""

@@ -108,7 +108,9 @@ class Pace:
     @property
     def work_left_s(self) -> float:
         """Seconds until what was found has to be written: with a trial beside nominal a model is made."""
-        return self.deadline_left_s - AROUND_S - (self.plan.full.repeated_s if self.done else 0.0)
+        full, confirmed = self.plan.full, self._confirmation
+        model_s = self.budget.model_s(full) if confirmed and confirmed.baselines else full.repeated_s
+        return self.deadline_left_s - AROUND_S - (model_s if self.done else 0.0)
 
     @property
     def trial_is_hopeless(self) -> bool:

@@ -115,8 +115,8 @@ class Workshop:
 
         options = {**options, **size_option(self.sequence)}
         write_text(work / f"{name}.json", option_json(options))
-        log, database = work / f"{name}.log", work / MATCHES.replace("*", _matches_key(options))
-        matched, began = database.exists(), time.time()
+        log, database = work / f"{name}.log", _matches_file(work, options)
+        began = time.time()
         with log.open("wb") as output:
             try:
                 done = subprocess.run(
@@ -136,7 +136,7 @@ class Workshop:
             reason = " / ".join(last) or f"exit code {done.returncode}"
             raise RunError(f"the reconstruction in {name} failed: {reason}")
         ended = time.time()
-        mapping_s = ended - (began if matched else min(max(database.stat().st_mtime, began), ended))
+        mapping_s = ended - min(max(database.stat().st_mtime, began), ended)
         _, names = common_folder(self.sequence)
         return Reconstructed(read_model(work / name / "0", names), ended - began, mapping_s)
 
@@ -168,9 +168,22 @@ def common_folder(sequence: Sequence) -> tuple[Path, dict[str, tuple[int, float]
     return folder, names
 
 
-def _matches_key(options: Mapping[str, OptionValue]) -> str:
-    """Return what names the database of features and verified matches that options lead to."""
-    groups = ("extraction.", "matching.", "verification.", "exhaustive.", "sequential.")
+def _matches_file(work: Path, options: Mapping[str, OptionValue]) -> Path:
+    """Return the database of features and verified matches that options lead to.
+
+    Where only that of another verification is there, it is taken over without its verified pairs.
+    """
+    from gtf_tune.pipelines.colmap.database import copy_database
+
+    matched = _key(options, ("extraction.", "matching.", "exhaustive.", "sequential."))
+    file = work / MATCHES.replace("*", f"{matched}-{_key(options, ('verification.',))}")
+    other = next(work.glob(MATCHES.replace("*", f"{matched}-*")), None)
+    if other is not None and not file.exists():
+        copy_database(other, file, without={"two_view_geometries"})
+    return file
+
+
+def _key(options: Mapping[str, OptionValue], groups: tuple[str, ...]) -> str:
     relevant = {name: value for name, value in sorted(options.items()) if name.startswith(groups)}
     return hashlib.sha256(json.dumps(relevant).encode()).hexdigest()[:12]
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from gtf_tune.definition import SequenceDefinition, StudyDefinition
 from gtf_tune.definition.model import name_from
+from gtf_tune.pipelines import create_pipeline
 from gtf_tune.pipelines.preset_spaces import DEFAULT_TIER, preset_pipelines, preset_search, preset_space
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
@@ -58,6 +59,11 @@ class TuneRequest:
     def pipeline(self) -> str:
         """Name of the pipeline."""
         return pipeline_of(self.sections)
+
+    @property
+    def root(self) -> Path:
+        """Folder that paths of sequences are relative to."""
+        return self.source.absolute().parent
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -117,7 +123,7 @@ def begin_tuning(database: Database, request: TuneRequest, means: Beginning) -> 
     GtfTuneError
         The images cannot be read, nothing says what to search, or nominal does not work.
     """
-    root = request.source.absolute().parent
+    root = request.root
     definition = _definition(request, _free_name(database, request))
     pipeline, first = make_pipeline(definition), definition.search.first
     estimate = Estimate(definition, pipeline, root, means, 60 * request.minutes)
@@ -229,7 +235,6 @@ def _in_pixels(pipeline: str) -> frozenset[str]:
 def _definition(request: TuneRequest, name: str) -> StudyDefinition:
     given = request.sections
     space = {**_preset_axes(request), **given.get("space", {})}
-    sequences = given.get("sequences") or [{"name": name_from(request.source.stem), "path": request.source.name}]
     search = {**preset_search(request.pipeline, space, given.get("pipeline", {})), **given.get("search", {})}
     if request.start:
         search["first"] = [dict(request.start), *search.get("first", [])]
@@ -239,13 +244,13 @@ def _definition(request: TuneRequest, name: str) -> StudyDefinition:
             **given,
             "name": name,
             "pipeline": {"name": request.pipeline, **given.get("pipeline", {})},
-            "sequences": sequences,
+            "sequences": _sequences(request),
             "space": space,
             "search": search,
             "gtf": {**runs, **given.get("gtf", {})},
         },
         str(request.source),
-        root=request.source.absolute().parent,
+        root=request.root,
     )
 
 
@@ -253,7 +258,19 @@ def _preset_axes(request: TuneRequest) -> Mapping[str, Any]:
     """Return the axes of the preset; axes given by hand stand alone where the pipeline has none."""
     if request.pipeline not in preset_pipelines() and request.sections.get("space"):
         return {}
-    return preset_space(request.pipeline).axes(request.tier)
+    preset = preset_space(request.pipeline)
+    if not preset.depends_on_intrinsics(request.tier):
+        return preset.axes(request.tier)
+    section = request.sections.get("pipeline", {})
+    pipeline = create_pipeline(request.pipeline, section.get("settings", {}))
+    used = load_defined_sequence(SequenceDefinition.model_validate(_sequences(request)[0]), request.root, pipeline)
+    return preset.axes(request.tier, unknown_intrinsics=any(camera.intrinsics is None for camera in used.cameras))
+
+
+def _sequences(request: TuneRequest) -> list[Mapping[str, Any]]:
+    """Return the sequences as a definition has them: those given by hand, else the source."""
+    source = {"name": name_from(request.source.stem), "path": request.source.name}
+    return list(request.sections.get("sequences") or [source])
 
 
 def _plan_from(stored: Mapping[str, Any]) -> Plan:

@@ -132,3 +132,13 @@ def test_a_price_between_two_known_ones_follows_their_power() -> None:
     middle = RunPrice(1.0, 0.1, 0.0).between(RunPrice(100.0, 10.0, 4.0), 0.5)
 
     assert (middle.whole_s, middle.repeated_s, middle.verified_s) == pytest.approx((10.0, 1.0, 2.0))
+
+
+def test_time_is_kept_to_verify_matches_anew_where_a_baseline_may_be_adopted() -> None:
+    full = RunPrice(100.0, 20.0, 60.0)
+
+    with_baseline, without = (
+        Budget(3600, 1, FIRST, baselines).plan_at(full, RunPrice(20.0, 6.0), Reduction()) for baselines in (1, 0)
+    )
+
+    assert [plan.write_s - AROUND_S for plan in (with_baseline, without)] == [60.0, 20.0]

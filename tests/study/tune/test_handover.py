@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,12 +16,16 @@ from gtf_tune.metrics import ate
 from gtf_tune.pipelines import create_pipeline
 from gtf_tune.sequence import Sequence, SequenceCamera
 from gtf_tune.study.tune.handover import Configurations, Handover, check_output, hand_over, write_scripts
-from gtf_tune.study.tune.reconstruct import TooSlow, Workshop
+from gtf_tune.study.tune.reconstruct import TooSlow, Workshop, _matches_file
 from gtf_tune.trajectory import read_trajectory
 from tests.pipelines.conftest import make_scene
 
 FIXED = {"mapper.bundle_adjustment.refine_focal_length": False, "mapper.bundle_adjustment.refine_extra_params": False}
-ADOPTED = {**FIXED, "mapper.bundle_adjustment.ceres.loss_function_scale": 0.2}
+ADOPTED = {
+    **FIXED,
+    "verification.min_num_inliers": 20,
+    "mapper.bundle_adjustment.ceres.loss_function_scale": 0.2,
+}
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +40,7 @@ def handover(scene: Sequence, tmp_path_factory: pytest.TempPathFactory) -> Hando
     folder = tmp_path_factory.mktemp("here") / "scene-tuned"
     workshop = Workshop(scene, create_pipeline("glomap"))
     hand_over(folder, workshop, Configurations(FIXED, FIXED, label="NOMINAL so far"), is_last=False)
-    assert list(folder.glob("matches-*.db"))
+    shutil.copytree(folder, folder.with_name("before"))
     assert (folder / "README.txt").read_text().startswith("sparse/0, options.json, run.sh,")
     assert "NOMINAL so far" in (folder / "run.sh").read_text()
     assert (folder / "sparse" / "0" / "points3D.bin").is_file()
@@ -46,6 +51,17 @@ def handover(scene: Sequence, tmp_path_factory: pytest.TempPathFactory) -> Hando
 @pytest.fixture
 def folder(handover: Handover) -> Path:
     return handover.folder
+
+
+def test_features_and_matches_at_hand_serve_another_verification_too(folder: Path) -> None:
+    (known,) = folder.with_name("before").glob("matches-*.db")
+
+    file = _matches_file(folder.with_name("before"), ADOPTED)
+
+    assert file != known == _matches_file(folder.with_name("before"), FIXED)
+    with pycolmap.Database.open(known) as before, pycolmap.Database.open(file) as after:
+        assert after.num_matches() == before.num_matches() > 0
+        assert after.num_verified_image_pairs() == 0 < before.num_verified_image_pairs()
 
 
 def test_both_models_and_everything_that_makes_them_are_there(folder: Path) -> None:
