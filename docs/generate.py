@@ -7,7 +7,7 @@
 
 Whole pages: commands.md (from ``--help``) and definition-reference.md (from the models of a study definition).
 Blocks between ``<!-- generated: NAME -->`` and ``<!-- end -->`` in pages written by hand: data-set layouts, numbers of
-options. Figures: images/demo.svg from data/demo.json.
+options. Figures: images/demo.svg from data/demo.json, images/before-after.svg from data/before_after.json.
 """
 
 import json
@@ -21,6 +21,7 @@ from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 import typer
+from before_after import draw_before_after
 from figure import draw_sweep
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -64,6 +65,7 @@ SECTIONS: Mapping[str, tuple[type[BaseModel], str]] = {
 COUNTED_PIPELINES = ("glomap", "colmap", "colmap-hierarchical")
 
 _BLOCK = re.compile(r"(<!-- generated: ([a-z-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+_WORSE, _FAR_WORSE = 0.02, 9.0
 _BOUNDS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 _WORDS = {bool: "true or false", int: "whole number", float: "number", str: "text", NoneType: ""}
 Command = Any
@@ -88,9 +90,14 @@ def generated(docs: Path) -> dict[Path, str]:
         docs / "commands.md": command_page(),
         docs / "definition-reference.md": definition_page(tomllib.loads(_read(docs / "data" / "fields.toml"))),
         docs / "images" / "demo.svg": draw_sweep(json.loads(_read(docs / "data" / "demo.json"))["trials"]),
+        docs / "images" / "before-after.svg": draw_before_after(json.loads(_read(docs / "data" / "before_after.json"))),
     }
-    blocks = {"layouts": layout_block, "option-counts": option_counts_block}
-    for page in sorted(docs.glob("*.md")):
+    blocks = {
+        "layouts": layout_block,
+        "option-counts": option_counts_block,
+        "reprojection": lambda: reprojection_block(json.loads(_read(docs / "results.json"))["experiments"]),
+    }
+    for page in sorted([docs.parent / "README.md", *docs.glob("*.md")]):
         if page not in files and _BLOCK.search(_read(page)):
             files[page] = _filled(_read(page), blocks)
     return files
@@ -137,6 +144,22 @@ def option_counts_block() -> str:
         listed = ", ".join(f"{group} {count}" for group, count in sorted(groups.items()))
         rows.append(f"| `{name}` | {pipeline.version} | {len(pipeline.options.specs)} | {listed} |")
     return "\n".join(["| pipeline | pycolmap | options | of these |", "|---|---|---|---|", *rows])
+
+
+def reprojection_block(experiments: list[dict[str, Any]]) -> str:
+    """Return how often the value with the least reprojection error is worse than the default by ground truth."""
+    changes = []
+    for experiment in experiments:
+        errors = {setting["value"]: setting["true_ate"] for setting in experiment["settings"]}
+        picked = errors.get(experiment["picks"]["reprojection"])
+        if picked is not None:
+            changes.append(picked / experiment["settings"][0]["true_ate"] - 1)
+    worse, far = sum(change > _WORSE for change in changes), sum(change > _FAR_WORSE for change in changes)
+    return (
+        f"We searched one option at a time on sequences with ground truth. In {worse} of {len(changes)} searches the\n"
+        "value with the smallest reprojection error had a larger true error than the default, in "
+        f"{far} of them more than\nten times as large ([results](docs/results.md))."
+    )
 
 
 def _filled(page: str, blocks: Mapping[str, Callable[[], str]]) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gtf_tune.cli.measure.runs import Options, Seed
 from gtf_tune.cli.parameters import Frames, Settings
 from gtf_tune.cli.sequence_flags import (
     CameraFlag,
@@ -32,14 +33,14 @@ _GIB = 2**30
 def try_pipeline(
     definition: Annotated[str, typer.Argument(metavar="PIPELINE|FILE.toml", help="A pipeline, or its definition.")],
     sequence: Annotated[Path, typer.Option("--sequence", "-s", help="Folder of images.")],
-    option: Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="An option.")] = None,
+    option: Options = None,
     setting: Settings = None,
     frames: Frames = None,
     exclude: Exclude = None,
     recursive: Recursive = False,
     camera: CameraFlag = None,
     cameras: Cameras = CameraGrouping.auto,
-    seed: Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Seed of the run.")] = 0,
+    seed: Seed = 0,
     memory_gb: Annotated[float, typer.Option("--memory-gb", min=0.1, max=1e6, help="Memory that it may take.")] = 16,
     keep: Annotated[Path | None, typer.Option("--keep", metavar="DIR", help="New folder for its files.")] = None,
 ) -> None:

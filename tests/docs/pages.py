@@ -12,19 +12,23 @@ GUIDE = sorted(path for path in (ROOT / "docs").glob("*.md") if path.name not in
 PAGES = (ROOT / "README.md", *GUIDE)
 MORE_PAGES = (ROOT / "CONTRIBUTING.md", ROOT / "studies" / "README.md", ROOT / "storage" / "README.md")
 
-_FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_FENCE = re.compile(r"^```(\w*)(?: title=\"([^\"]+)\")?[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _INDENTED = re.compile(r"^ {4}(gtf-tune .*)$", re.MULTILINE)
 _INLINE = re.compile(r"`(gtf-tune [^`\n]+)`")
 
 
 @dataclass(frozen=True)
 class Snippet:
-    """One thing that a page shows: a command line (``kind`` is "command") or a fenced block of a language."""
+    """One thing that a page shows: a command line (``kind`` is "command") or a fenced block of a language.
+
+    ``title`` is the name of the file that a block shows, if it is one.
+    """
 
     page: Path
     position: int
     kind: str
     text: str
+    title: str = ""
 
     @property
     def arguments(self) -> list[str]:
@@ -38,7 +42,9 @@ class Snippet:
 def snippets(page: Path) -> list[Snippet]:
     """Return what a page shows in blocks, in reading order."""
     text = page.read_text(encoding="utf-8").replace("\\\n", "  ")
-    found = [Snippet(page, block.start(), block[1] or "text", block[2]) for block in _FENCE.finditer(text)]
+    found = [
+        Snippet(page, block.start(), block[1] or "text", block[3], block[2] or "") for block in _FENCE.finditer(text)
+    ]
     for block in [one for one in found if one.kind in ("text", "bash", "console", "sh", "shell")]:
         lines = re.findall(r"^(?:\$ )?(gtf-tune .*)$", block.text, re.MULTILINE)
         found += [Snippet(page, block.position, "command", line) for line in lines]

@@ -26,7 +26,9 @@ def test_the_commands_of_a_page_run_in_the_order_in_which_they_are_read(
     monkeypatch.chdir(tmp_path)
 
     for shown in snippets(page):
-        if shown.kind == "toml" and "[pipeline]" in shown.text:
+        if shown.title:
+            (tmp_path / shown.title).write_text(shown.text)
+        elif shown.kind == "toml" and "[pipeline]" in shown.text:
             (tmp_path / f"{tomllib.loads(shown.text)['name']}.toml").write_text(shown.text)
         if shown.kind == "command" and not _needs_another_place(shown):
             assert call(shown.arguments) == 0, str(shown)
@@ -50,7 +52,11 @@ REST = {"name": "rest", "sequences": [{"name": "photos", "path": "photos"}], "sp
 
 
 @pytest.mark.parametrize("shown", [one for one in DEFINITIONS if "name" in tomllib.loads(one.text)], ids=str)
-def test_every_study_definition_shown_is_one(shown: Snippet) -> None:
+def test_every_study_definition_shown_is_one(shown: Snippet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for other in snippets(shown.page):
+        if other.title:
+            (tmp_path / other.title).write_text(other.text)
     data = tomllib.loads(shown.text)
 
     assert checked_definition(data, str(shown)) == definition_from_dict(data)

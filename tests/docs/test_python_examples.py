@@ -9,7 +9,7 @@ import pytest
 from tests.docs.conftest import Command
 from tests.docs.pages import ROOT, Snippet, of_kind
 
-PAGES = (ROOT / "README.md", ROOT / "docs" / "python-api.md")
+PAGES = (ROOT / "README.md", ROOT / "docs" / "python-api.md", ROOT / "docs" / "optuna-users.md")
 
 
 @pytest.mark.parametrize("shown", of_kind("python", PAGES), ids=str)
@@ -17,11 +17,12 @@ def test_an_example_runs_and_prints(
     shown: Snippet,
     call: Command,
     material: Path,
+    finished: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    shutil.copytree(material, tmp_path, dirs_exist_ok=True)
+    shutil.copytree(finished if "open_study" in shown.text else material, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "example.py").write_text(shown.text)
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from gtf_tune.cli.measure.runs import CleanRuns, NoiseSigma, Seed, obtaining_runs, score_definition
+from gtf_tune.cli.measure.runs import CleanRuns, Images, NoiseSigma, Seed, obtaining_runs, score_definition
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Frames, Jobs, Json, Settings, Storage
 from gtf_tune.cli.sequence_flags import (
     CameraFlag,
@@ -24,7 +24,7 @@ Like = Annotated[
 
 
 def check(
-    sequence: Annotated[Path, typer.Argument(help="Folder of images.")],
+    sequence: Images,
     options: Annotated[
         Path | None, typer.Option("--options", metavar="FILE.json", help="Options, as 'study export' writes them.")
     ] = None,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.measure.runs import Aggregate, CleanRuns, NoiseSigma, Seed, obtaining_runs, score_definition
+from gtf_tune.cli.measure.runs import Aggregate, CleanRuns, Images, NoiseSigma, Seed, obtaining_runs, score_definition
 from gtf_tune.cli.parameters import DEFAULT_STORAGE, CacheDir, Frames, Jobs, Json, Settings, Storage
 from gtf_tune.cli.sequence_flags import (
     CameraFlag,
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def compare(
-    sequence: Annotated[Path, typer.Argument(help="Folder of images.")],
+    sequence: Images,
     systems: Annotated[
         list[str],
         typer.Argument(metavar="SYSTEM...", help="Pipelines, definitions (TOML) or options (JSON), two or more."),

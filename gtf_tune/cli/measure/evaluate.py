@@ -1,12 +1,20 @@
 """Score one configuration, without a study."""
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gtf_tune.cli.measure.runs import Aggregate, CleanRuns, NoiseSigma, Seed, score_definition
+from gtf_tune.cli.measure.runs import (
+    Aggregate,
+    CleanRuns,
+    Images,
+    NoiseSigma,
+    Options,
+    Pipeline,
+    Seed,
+    score_definition,
+)
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Nominal, Settings
 from gtf_tune.cli.sequence_flags import (
     CameraFlag,
@@ -26,9 +34,9 @@ if TYPE_CHECKING:
 
 
 def evaluate(
-    sequence: Annotated[Path, typer.Argument(help="Folder of images.")],
-    pipeline: Annotated[str, typer.Option("--pipeline", "-p", help="Pipeline.")] = "glomap",
-    option: Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="An option.")] = None,
+    sequence: Images,
+    pipeline: Pipeline = "glomap",
+    option: Options = None,
     nominal: Nominal = None,
     setting: Settings = None,
     frames: Frames = None,

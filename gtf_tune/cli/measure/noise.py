@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gtf_tune.cli.measure.runs import CleanRuns, Seed
+from gtf_tune.cli.measure.runs import CleanRuns, Images, Options, Pipeline, Seed
 from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Settings, default_jobs, make_executor
 from gtf_tune.cli.sequence_flags import (
     CameraFlag,
@@ -32,9 +32,9 @@ Sigmas = Annotated[
 
 
 def noise(
-    sequence: Annotated[Path, typer.Argument(help="Folder of images.")],
-    pipeline: Annotated[str, typer.Option("--pipeline", "-p", help="Pipeline.")] = "glomap",
-    option: Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="An option.")] = None,
+    sequence: Images,
+    pipeline: Pipeline = "glomap",
+    option: Options = None,
     setting: Settings = None,
     frames: Frames = None,
     exclude: Exclude = None,

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from gtf_tune.study.events import Event
     from gtf_tune.study.runs.run_source import RunSource
 
+Images = Annotated[Path, typer.Argument(help="Folder of images.")]
+Pipeline = Annotated[str, typer.Option("--pipeline", "-p", help="Pipeline.")]
+Options = Annotated[list[str] | None, typer.Option("--option", "-o", metavar="NAME=VALUE", help="An option.")]
 CleanRuns = Annotated[int, typer.Option("--clean-runs", "-k", min=1, max=1000, help="k.")]
 NoiseSigma = Annotated[
     str, typer.Option("--noise-sigma", help="Noise in grey levels (0..255), or auto, as studies choose it.")
