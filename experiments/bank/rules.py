@@ -55,6 +55,15 @@ def race(
     return members[best] if ratios[best] < math.log1p(-margin) else 0
 
 
+def led(draw: Draw, size: int, runs: RunCounts, *, margin: float) -> int:
+    """Adopt the configuration that is best on the other sequences, unless a score is smaller by the margin."""
+    leader = fixed(draw)
+    members = sorted({*draw.others.portfolio(size, draw.configurations), leader})
+    ratios = paired_ratios(draw.tables(members, runs))
+    best, place = int(np.argmin(ratios)), members.index(leader)
+    return members[best] if ratios[best] - ratios[place] < math.log1p(-margin) else leader
+
+
 def race_of_clean(draw: Draw, size: int, k: int) -> int:
     """Adopt the portfolio's smallest spread between clean runs of different seeds: no noisy images at all."""
     members = draw.others.portfolio(size, draw.configurations)
@@ -192,6 +201,10 @@ def _others() -> dict[str, Rule]:
         for runs in ((1, 1), (1, 3), (2, 3)):
             found[f"posterior of {_sized(size, runs)}"] = partial(posterior, size=size, runs=runs)
     found["posterior of 5, 1 x 1, margin 5%"] = partial(posterior, size=5, runs=(1, 1), margin=0.05)
+    for runs in ((1, 1), (1, 3), (2, 3)):
+        for margin in (0.05, 0.1, 0.2):
+            name = f"race of {_sized(5, runs)}, lead {margin:.0%}"
+            found[name] = partial(led, size=5, runs=runs, margin=margin)
     first = partial(race, size=5, runs=(1, 1))
     found["race of 5, 1 x 1, confirmed"] = partial(confirmed, pick=first, k=2)
     found["race of 5, 1 x 1, confirmed or fixed"] = partial(confirmed, pick=first, k=2, fallback=fixed)

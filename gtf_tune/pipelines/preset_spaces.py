@@ -54,6 +54,18 @@ class Baseline:
 
 
 @dataclass(frozen=True)
+class Lead:
+    """One of the first configurations that was best on most measured sequences.
+
+    Another one is only preferred where its score is smaller by the ``margin``, a share of it.
+    """
+
+    options: Mapping[str, OptionValue]
+    margin: float
+    source: str
+
+
+@dataclass(frozen=True)
 class PresetSpace:
     """The search spaces that a pipeline has by default, the ``presets``.
 
@@ -65,6 +77,7 @@ class PresetSpace:
     options: tuple[PresetOption, ...]
     first: tuple[Mapping[str, OptionValue], ...]
     baselines: tuple[Baseline, ...]
+    lead: Lead | None = None
 
     def axes(self, tier: int = DEFAULT_TIER, *, unknown_intrinsics: bool = False) -> dict[str, Mapping[str, object]]:
         """Return the axes of the options up to a tier that have an effect, as a study definition has them."""
@@ -142,6 +155,7 @@ def preset_space(pipeline: str) -> PresetSpace:
         tuple(_option(entry) for entry in data["options"]),
         tuple(data.get("first", ())),
         tuple(Baseline(entry["name"], entry["options"], entry["source"]) for entry in data.get("baselines", ())),
+        Lead(**data["lead"]) if "lead" in data else None,
     )
 
 

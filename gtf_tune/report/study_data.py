@@ -16,6 +16,7 @@ from gtf_tune.store.studies import Study, StudySequence, stored_definition
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.outcome.evidence import doubts_of_detail, evidence_of
 from gtf_tune.study.outcome.improvement import UNKNOWN_IMPROVEMENT, Improvement, improvement_of
+from gtf_tune.study.outcome.lead import LEAD_KEY
 from gtf_tune.study.outcome.recommendation import Recommendation, decide
 from gtf_tune.study.outcome.verdict import Verdict, verdict_of
 
@@ -63,7 +64,8 @@ class StudyData:
     def recommendation(self) -> Recommendation:
         """Which trial to use; needs all trials of the study."""
         doubts = doubts_of_detail(self.details.get(0, {}), self.definition.gtf)
-        evidence = evidence_of(definition_unit(self.definition).name, self.trials, self.verdict, doubts)
+        lead = self.study.resolved.get(LEAD_KEY, {})
+        evidence = evidence_of(definition_unit(self.definition).name, self.trials, self.verdict, doubts, lead)
         best = evidence.best
         return decide(evidence, self.improvement(best.number) if best else UNKNOWN_IMPROVEMENT)
 

@@ -96,7 +96,12 @@ def get(database: Database, study_id: int, number: int) -> Trial:
 
 def nominal(database: Database, study_id: int) -> Trial | None:
     """Return trial 0, or None before a worker has begun it."""
-    found = _read(database, _of(study_id).where(models.Trial.number == 0))
+    return numbered(database, study_id, 0)
+
+
+def numbered(database: Database, study_id: int, number: int) -> Trial | None:
+    """Return the trial of this number, or None where there is none."""
+    found = _read(database, _of(study_id).where(models.Trial.number == number))
     return found[0] if found else None
 
 

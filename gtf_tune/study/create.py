@@ -23,6 +23,7 @@ from gtf_tune.definition import (
 from gtf_tune.errors import DefinitionError, GtfTuneError, OptunaStudyError, SequenceError, first_remedy, numbered
 from gtf_tune.pipelines import OptionTable, OptionValue, Pipeline, create_pipeline
 from gtf_tune.pipelines.command.places import rooted
+from gtf_tune.pipelines.preset_spaces import preset_pipelines, preset_space
 from gtf_tune.sequence import Sequence, say_notes
 from gtf_tune.store import enqueued, studies
 from gtf_tune.store.database import Database
@@ -30,6 +31,7 @@ from gtf_tune.store.optuna.link import create_optuna_study
 from gtf_tune.store.optuna.tables import optuna_storage
 from gtf_tune.store.studies import NewStudy, Study
 from gtf_tune.study.open_study import load_defined_sequence, make_pipeline, runnable, sequence_row
+from gtf_tune.study.outcome.lead import LEAD_KEY
 from gtf_tune.study.scoring.objective import RESOLVED_KEY, SCORING_VERSION
 from gtf_tune.study.search.samplers import check_search
 from gtf_tune.study.search.space import SearchSpace, build_space, grid_values, option_faults, space_faults
@@ -113,6 +115,7 @@ def create_study(
     rows = tuple(sequence_row(defined.path, sequence) for defined, sequence in pairs)
     known = {
         **resolved,
+        **_lead(definition),
         "noise_sigma": _sigmas(definition),
         RESOLVED_KEY: SCORING_VERSION,
         "versions": {"gtf_tune": __version__, pipeline.name: pipeline.version, "optuna": optuna.__version__},
@@ -133,6 +136,15 @@ def create_study(
         for sequence in loaded:
             say_notes(sequence, on_note, named=len(loaded) > 1)
     return study
+
+
+def _lead(definition: StudyDefinition) -> dict[str, Any]:
+    """Return which of the first trials leads, for the resolved part: the one that the preset of the pipeline names."""
+    name, first = definition.pipeline.name, definition.search.first
+    lead = preset_space(name).lead if name in preset_pipelines() else None
+    if lead is None or dict(lead.options) not in first:
+        return {}
+    return {LEAD_KEY: {"number": first.index(dict(lead.options)) + 1, "margin": lead.margin}}
 
 
 def _refuse_early_stopping(definition: StudyDefinition) -> None:

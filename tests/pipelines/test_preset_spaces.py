@@ -29,6 +29,7 @@ def test_what_is_tried_first_differs_and_lies_inside_what_is_always_searched(nam
 
     configurations = [nominal, *({**nominal, **one} for one in preset.first)]
 
+    assert preset.lead is None or dict(preset.lead.options) in preset.first
     assert all(set(one) == set(nominal) for one in configurations)
     assert all(configurations.count(one) == 1 for one in configurations)
     for one in configurations:

@@ -57,6 +57,25 @@ def _run_some(run_study: Runner, data: dict[str, Any], count: int) -> None:
     run_study(data, stop=stop, callbacks=[note])
 
 
+def test_a_study_remembers_which_of_its_first_trials_the_preset_names_as_leading(
+    room: Path, database: Database
+) -> None:
+    huber = "mapper.bundle_adjustment.ceres.loss_function_scale"
+    first = [{huber: 0.2}, {huber: 0.05}]
+    data = definition_of(
+        room,
+        pipeline={"name": "glomap", "settings": {}, "options": {}},
+        space={huber: {"low": 0.01, "high": 1.0, "log": True}},
+        search={"first": first},
+    )
+
+    study = create_study(database, checked_definition(data, "test"), room.parent)
+
+    number = study.resolved["lead"]["number"]
+    assert trials.get(database, study.id, number).options == {huber: 0.05}
+    assert 0 < study.resolved["lead"]["margin"] < 1
+
+
 def test_an_enqueued_trial_comes_next_and_the_budget_rises_by_one(
     room: Path, database: Database, run_study: Runner
 ) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from gtf_tune.store.trials import Trial
+from gtf_tune.study.outcome.confirm import best_candidates
 from gtf_tune.study.outcome.evidence import Evidence, evidence_of
 from gtf_tune.study.outcome.improvement import Improvement
 from gtf_tune.study.outcome.recommendation import Recommendation, decide
@@ -73,6 +74,31 @@ def test_the_best_trial_is_unconfirmed_without_a_confirmation() -> None:
         "GTF ATE -27.0 % (95 % interval -33.0 % to -20.0 %, 6 noisy runs) against nominal, in the search.",
         "These runs made it the best of 3 feasible trials, which flatters it.",
     )
+
+
+LEAD = {"number": 1, "margin": 0.05}
+
+
+@pytest.mark.parametrize(("other", "chosen"), [(2.4, 1), (2.37, 2), (3.1, 1)])
+def test_the_leading_trial_is_chosen_unless_another_score_is_smaller_by_the_margin(other: float, chosen: int) -> None:
+    found = decide(evidence_of("GTF ATE", [NOMINAL, SECOND, trial(2, other)], None, lead=LEAD), IN_SEARCH)
+
+    assert (found.decision, number(found)) == ("unconfirmed", chosen)
+    assert ("smaller by 5%" in found.text) == (chosen == 1)
+
+
+@pytest.mark.parametrize("leader", [trial(1, 3.05), trial(1, 2.0, feasible=False)])
+def test_a_leading_trial_that_is_not_better_than_nominal_leads_nothing(leader: Trial) -> None:
+    found = decide(evidence_of("GTF ATE", [NOMINAL, leader, trial(2, 2.9)], None, lead=LEAD), IN_SEARCH)
+
+    assert number(found) == 2
+
+
+def test_a_confirmation_ranks_its_candidates_with_the_margin_of_the_leading_trial() -> None:
+    known = [NOMINAL, trial(1, 2.5), trial(2, 2.4), trial(3, 2.3), trial(4, 2.2)]
+
+    assert [one.number for one in best_candidates(known, NOMINAL, 3)] == [4, 3, 2]
+    assert [one.number for one in best_candidates(known, NOMINAL, 3, LEAD)] == [4, 3, 1]
 
 
 def test_an_interval_that_holds_zero_is_said_to_exclude_nothing() -> None:

@@ -30,6 +30,7 @@ from gtf_tune.study.open_study import OpenStudy, folder_of, load_stored_sequence
 from gtf_tune.study.outcome.baselines import baseline_trials
 from gtf_tune.study.outcome.contradiction import CleanRun
 from gtf_tune.study.outcome.judge import Findings, Measured, judge
+from gtf_tune.study.outcome.lead import LEAD_KEY, handicapped
 from gtf_tune.study.outcome.recommendation import without_feasible_trial
 from gtf_tune.study.outcome.verdict import ADOPT, Verdict, verdict_of
 from gtf_tune.study.runs.plan import FinishedRun, RunPlanner, SeedSource, run_order
@@ -143,7 +144,8 @@ def plan_confirmation(
     if not any(trial.feasible for trial in known):
         raise without_feasible_trial(database, study.record)
     earlier = confirmations.of_study(database, study.record.id)
-    candidates = best_candidates(known, nominal, top) if chosen is None else tuple(chosen)
+    lead = study.record.resolved.get(LEAD_KEY, {})
+    candidates = best_candidates(known, nominal, top, lead) if chosen is None else tuple(chosen)
     baselines = {
         label: trial
         for label, trial in baseline_trials(study.definition, nominal).items()
@@ -198,13 +200,18 @@ def _scope(study: OpenStudy, plan: ConfirmationPlan) -> dict[str, Any]:
     }
 
 
-def best_candidates(known: Sequence[Trial], nominal: Trial, top: int) -> tuple[Trial, ...]:
-    """Return the best ``top`` of some complete trials that beat nominal, with different options."""
+def best_candidates(
+    known: Sequence[Trial], nominal: Trial, top: int, lead: Mapping[str, Any] = MappingProxyType({})
+) -> tuple[Trial, ...]:
+    """Return the best ``top`` of some complete trials that beat nominal, with different options.
+
+    ``lead`` is what the study resolved under `LEAD_KEY`: others stand before the leading trial by its margin only.
+    """
     better = [trial for trial in known if trial.number and trial.feasible and trial.value is not None and trial.options]
     if nominal.feasible and nominal.value is not None:
         better = [trial for trial in better if trial.value is not None and trial.value < nominal.value]
     chosen: list[Trial] = []
-    for trial in sorted(better, key=lambda trial: (trial.value, trial.number)):
+    for trial in sorted(better, key=lambda trial: (handicapped(trial, lead), trial.number)):
         if len(chosen) < top and all(trial.options != other.options for other in (nominal, *chosen)):
             chosen.append(trial)
     return tuple(chosen)

@@ -1,8 +1,9 @@
 """What is known of a study when a trial is to be chosen."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from statistics import median
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self
 
 from gtf_tune.definition import GtfDefinition
@@ -18,6 +19,7 @@ from gtf_tune.store.database import Database
 from gtf_tune.store.studies import Study, stored_definition
 from gtf_tune.store.trials import Trial
 from gtf_tune.study.outcome.baselines import adopted_baseline
+from gtf_tune.study.outcome.lead import LEAD_KEY, led
 from gtf_tune.study.outcome.verdict import Verdict, verdict_of
 
 MOST_MOVEMENT = 0.1
@@ -141,7 +143,8 @@ class Evidence:
     score
         Name of the score, such as ``GTF ATE``.
     nominal, best
-        Trial 0, and the feasible complete trial of the smallest score, as far as they exist.
+        Trial 0, and the feasible complete trial of the smallest score, or the leading one where its score is nearly as
+        small (`gtf_tune.study.outcome.lead`); as far as they exist.
     adopted
         The trial that the last confirmation adopted.
     confirmation
@@ -150,6 +153,8 @@ class Evidence:
         How many trials have ended, and how many of them are complete and feasible.
     search_doubts
         Why the score says little, by nominal's runs of the search.
+    lead
+        What the study resolved under `LEAD_KEY`.
     """
 
     score: str
@@ -160,6 +165,12 @@ class Evidence:
     num_ended: int = 0
     num_feasible: int = 0
     search_doubts: tuple[str, ...] = ()
+    lead: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def leads(self) -> bool:
+        """Whether the best trial is the leading one."""
+        return self.best is not None and self.best.number == self.lead.get("number")
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -190,19 +201,34 @@ class Evidence:
         return None if self.confirmation.compared(self.best.options) else self.best
 
 
-def evidence_of(score: str, known: Sequence[Trial], verdict: Verdict | None, doubts: tuple[str, ...] = ()) -> Evidence:
-    """Return the evidence from all trials of a study, the verdict of its last confirmation, and doubts of the score."""
+def evidence_of(
+    score: str,
+    known: Sequence[Trial],
+    verdict: Verdict | None,
+    doubts: tuple[str, ...] = (),
+    lead: Mapping[str, Any] = MappingProxyType({}),
+) -> Evidence:
+    """Return the evidence from all trials of a study, the verdict of its last confirmation, and doubts of the score.
+
+    ``lead`` is what the study resolved under `LEAD_KEY`.
+    """
     feasible = [trial for trial in known if trial.state == "complete" and trial.feasible and trial.value is not None]
     by_number = {trial.number: trial for trial in known}
     return Evidence(
         score=score,
         nominal=by_number.get(0),
-        best=min(feasible, key=lambda trial: (trial.value, trial.number), default=None),
+        best=led(
+            min(feasible, key=lambda trial: (trial.value, trial.number), default=None),
+            by_number.get(lead.get("number", -1)),
+            by_number.get(0),
+            lead,
+        ),
         adopted=_adopted(verdict, by_number.get(0), by_number.get),
         confirmation=verdict,
         num_ended=sum(trial.state != "claimed" for trial in known),
         num_feasible=len(feasible),
         search_doubts=doubts,
+        lead=lead,
     )
 
 
@@ -210,18 +236,24 @@ def read_evidence(database: Database, study: Study) -> Evidence:
     """Read the evidence with a few small queries, whatever the number of trials."""
     known = confirmations.of_study(database, study.id)
     verdict = verdict_of(known[-1]) if known else None
-    efforts = trials.efforts(database, study.id)
+    efforts, lead = trials.efforts(database, study.id), study.resolved.get(LEAD_KEY, {})
     definition, nominal = stored_definition(study), trials.nominal(database, study.id)
     detail = trials.details(database, [nominal.id])[nominal.id] if nominal and nominal.state == "complete" else {}
     return Evidence(
         score=definition_unit(definition).name,
         nominal=nominal,
-        best=trials.best(database, study.id),
+        best=led(
+            trials.best(database, study.id),
+            trials.numbered(database, study.id, lead["number"]) if lead else None,
+            nominal,
+            lead,
+        ),
         adopted=_adopted(verdict, nominal, lambda number: trials.get(database, study.id, number)),
         confirmation=verdict,
         num_ended=sum(effort.count for effort in efforts if effort.state != "claimed"),
         num_feasible=sum(effort.count for effort in efforts if effort.state == "complete" and effort.feasible),
         search_doubts=doubts_of_detail(detail, definition.gtf),
+        lead=lead,
     )
 
 

@@ -197,9 +197,12 @@ class Recommendation:
         )
 
     def _why_unconfirmed(self) -> tuple[str, ...]:
-        score = self.evidence.score
+        score, lead = self.evidence.score, self.evidence.lead
         flatters = (
             f"These runs made it the best of {count(self.evidence.num_feasible, 'feasible trial')}, which flatters it."
+            if not self.evidence.leads
+            else "It was the best configuration on most sequences that were measured, so another trial only takes its "
+            f"place with a score that is smaller by {lead['margin']:.0%}."
         )
         if not self.evidence.has_nominal:
             return (f"The nominal options are infeasible, so there is nothing to compare its {score} with.", flatters)

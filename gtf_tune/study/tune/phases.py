@@ -21,6 +21,7 @@ from gtf_tune.study.outcome.confirm import (
     confirm,
     plan_confirmation,
 )
+from gtf_tune.study.outcome.lead import LEAD_KEY
 from gtf_tune.study.outcome.recommendation import NOTHING_FEASIBLE, UNCONFIRMED, Recommendation, recommend
 from gtf_tune.study.runs.plan import run_order
 from gtf_tune.study.runs.run_source import Interrupted, RunSource, run_limits
@@ -132,7 +133,8 @@ def _candidates(study: OpenStudy, means: Means) -> tuple[Trial, ...]:
     top = CONFIRMED if means.pace else DEFAULT_TOP
     known = [trial for trial in trials.of_study(study.database, study.record.id) if trial.state == "complete"]
     nominal = next((trial for trial in known if trial.number == 0), None)
-    best = best_candidates(known, nominal, top) if nominal else ()
+    lead = study.record.resolved.get(LEAD_KEY, {})
+    best = best_candidates(known, nominal, top, lead) if nominal else ()
     if nominal is None or not best or recommend(study.database, study.record).decision != UNCONFIRMED:
         return best
     short = shortened(study.database, nominal, best[0], lambda options: _try(study, means, options))
