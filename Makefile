@@ -54,13 +54,15 @@ test-systems: setup ## Install the real systems of examples/systems into environ
 	  status=$$?; cat $(SYSTEMS)/test.log; exit $$status
 	@! grep -q SKIPPED $(SYSTEMS)/test.log || { echo 'a system was skipped'; exit 1; }
 
-check: setup ## Lint, type-check, check layers and file sizes, build the documentation
+check: setup ## Lint, type-check, check layers, file sizes, links and spelling, build the documentation
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	PYTHONPATH=. $(BIN)/lint-imports
 	$(BIN)/python tests/checks/file_sizes.py
 	$(BIN)/python tests/checks/import_circles.py
+	$(BIN)/python tests/checks/links.py
+	$(BIN)/codespell README.md CHANGELOG.md CONTRIBUTING.md docs gtf_tune examples studies storage dashboards experiments benchmarks
 	$(BIN)/python docs/generate.py --check
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 

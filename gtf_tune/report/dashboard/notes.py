@@ -159,10 +159,12 @@ def _reading(data: StudyData) -> str:
     gtf, unit = data.definition.gtf, definition_unit(data.definition)
     side = data.definition.side_metric
     infeasible_from = penalty(gtf, len(data.sequences))
+    truth = f"- `{side.key}` is the error against **ground truth** ({side.words} [{side.unit}]), which no search reads."
+    has_truth = any(sequence.has_ground_truth for sequence in data.sequences)
     return "\n".join(
         [
             f"- The **value** is the {unit.name}: how far trajectories move when Gaussian noise is added to the images "
-            f"({gtf.clean_runs} clean runs against {gtf.noisy_runs_text} noisy ones). Smaller is better. It is "
+            f"({count(gtf.clean_runs, 'clean run')} against {gtf.noisy_runs_text} noisy). Smaller is better. It is "
             f"stored as a {_stored_unit(data)}.",
             "- **Intermediate values** are the same number, one noise instance after the other.",
             f"- **Trial 0** has the nominal options ({nominal_text(data.definition)}), and is what every improvement "
@@ -171,8 +173,7 @@ def _reading(data: StudyData) -> str:
             f"- A trial with a value of {_penalties(infeasible_from, unit)} or more is **infeasible**: a run failed or "
             "registered too few frames; the value is a penalty that keeps samplers away. Switch *Log y scale* on, or "
             "look at the figures instead.",
-            f"- `{side.key}` is the error against **ground truth** where there is one ({side.words} "
-            f"[{side.unit}]). No part of the search reads it.",
+            *([truth] if has_truth else []),
         ]
     )
 
