@@ -1,5 +1,6 @@
 """Tune a pipeline on images from the first look to a better reconstruction, in a number of minutes."""
 
+import contextlib
 import time
 from functools import partial
 from pathlib import Path
@@ -25,7 +26,7 @@ from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, duration, say, 
 from gtf_tune.cli.values import parse_pairs, split_pairs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from gtf_tune.store.database import Database
     from gtf_tune.study.events import Callback, Event
@@ -90,33 +91,44 @@ def tune(
     if source.suffix.lower() in VIDEOS:
         source = _frames_of(source)
         setting = [*(["pairing=sequential"] if makes_models(pipeline or "glomap") else []), *(setting or [])]
-    database, sections = create_storage(storage), _sections(source, pipeline, setting, range_)
-    sections |= _grouped(source, sections, cameras)
-    request = _request(source, minutes, jobs or default_jobs(), preset, sections)
-    if like is not None:
-        from gtf_tune.study.check_options import tuned_like
+    with _resumable():
+        database, sections = create_storage(storage), _sections(source, pipeline, setting, range_)
+        sections |= _grouped(source, sections, cameras)
+        request = _request(source, minutes, jobs or default_jobs(), preset, sections)
+        if like is not None:
+            from gtf_tune.study.check_options import tuned_like
 
-        request = tuned_like(database, like, request)
-    folder = output or given.absolute().with_name(f"{given.stem}-tuned")
-    check_output(folder)
-    tuning = _begin(database, request, (folder, ends), cache_dir, new=new)
-    if tuning is None:
-        return
-    _say_plan(tuning.plan)
-    study = open_study(database, tuning.name)
-    found = _tune_through(study, tuning, request, cache_dir, ends)
-    _hand_over(study, found, folder, ends)
-    _report(database, tuning.name, folder)
-    write_line("")
-    write_line(found.text)
-    if found.decision == NOTHING_FEASIBLE and tuning.plan.reduction != Reduction():
-        write_line("The search used fewer or smaller images for want of time; give more minutes for all of them.")
-    write_line(f"{folder}: models, scripts that make them, trajectory, report; README.txt says what is what")
-    took = duration(60 * minutes - (ends - time.monotonic()))
-    kept = kept_runs(database, study.record).text
-    if kept:
-        say(f"{kept}; the same command with more minutes goes on")
-    say(f"it took {took}; see: gtf-tune study show {tuning.name}{storage_flag(database)}")
+            request = tuned_like(database, like, request)
+        folder = output or given.absolute().with_name(f"{given.stem}-tuned")
+        check_output(folder)
+        tuning = _begin(database, request, (folder, ends), cache_dir, new=new)
+        if tuning is None:
+            return
+        _say_plan(tuning.plan)
+        study = open_study(database, tuning.name)
+        found = _tune_through(study, tuning, request, cache_dir, ends)
+        _hand_over(study, found, folder, ends)
+        _report(database, tuning.name, folder)
+        write_line("")
+        write_line(found.text)
+        if found.decision == NOTHING_FEASIBLE and tuning.plan.reduction != Reduction():
+            write_line("The search used fewer or smaller images for want of time; give more minutes for all of them.")
+        write_line(f"{folder}: models, scripts that make them, trajectory, report; README.txt says what is what")
+        took = duration(60 * minutes - (ends - time.monotonic()))
+        kept = kept_runs(database, study.record).text
+        if kept:
+            say(f"{kept}; the same command with more minutes goes on")
+        say(f"it took {took}; see: gtf-tune study show {tuning.name}{storage_flag(database)}")
+
+
+@contextlib.contextmanager
+def _resumable() -> "Iterator[None]":
+    """Say after a Ctrl-C that nothing else has heard of that the command goes on where it stopped."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        say("stopped; the same command goes on")
+        raise typer.Exit(INTERRUPTED_EXIT_CODE) from None
 
 
 def _tune_through(
@@ -240,10 +252,11 @@ def _begin(
     if isinstance(tuning, TooLittleTime):
         write_line(
             f"Nothing was compared: {minutes} buy the nominal reconstruction only; to compare anything on these images "
-            f"needs about {tuning.minutes} minutes."
+            f"needs about {tuning.minutes} minutes, or {tuning.more_minutes} when the same command goes on from what "
+            "is stored."
         )
         write_line(f"{folder}: the outcome with the nominal options; README.txt says what is what")
-        say(f"it took {duration(60 * request.minutes - left_s())}; the same command with more minutes goes on from it")
+        say(f"it took {duration(60 * request.minutes - left_s())}")
         return None
     say(f"created study '{tuning.name}'")
     return tuning

@@ -69,12 +69,12 @@ def test_minutes_that_buy_no_comparison_leave_nominal_and_say_how_many_would(
     cli: Cli, slam: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(start, "choose", lambda *_: TooLittleTime(needed_s=700.0))
+        patch.setattr(start, "choose", lambda *_: TooLittleTime(spent_s=100.0, more_s=600.0))
         done = cli(*TUNE)
 
     assert done.code == 0, done.err
     assert done.out.startswith("Nothing was compared: 2 minutes buy the nominal reconstruction only; ")
-    assert "to compare anything on these images needs about 12 minutes." in done.out
+    assert "to compare anything on these images needs about 12 minutes, or 10 when the same command goes on" in done.out
     folder = slam.with_name("slam-tuned")
     assert (folder / "trajectory.txt").read_text() == (folder / "trajectory-nominal.txt").read_text()
     assert "NOMINAL options (tuning has not ended)." in (folder / "README.txt").read_text()

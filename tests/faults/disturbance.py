@@ -235,5 +235,12 @@ def wait_until(condition: Callable[[], object], timeout_s: float = PATIENCE_S) -
 
 CONTEXT = get_context("forkserver")
 CONTEXT.set_forkserver_preload(
-    ["tests.faults.disturbance", "optuna", "gtf_tune.store.optuna.retrying_storage", "gtf_tune.report.dashboard.sync"]
+    [
+        "tests.faults.disturbance",
+        "optuna",
+        "gtf_tune.store.optuna.retrying_storage",
+        "gtf_tune.report.dashboard.sync",
+        "gtf_tune.report.build",
+        "gtf_tune.study.tune.start",
+    ]
 )

@@ -45,15 +45,21 @@ class Prices(Protocol):
 class TooLittleTime:
     """The minutes buy no comparison: not even the nominal trial and one other.
 
-    ``needed_s`` are about the seconds that would.
+    ``spent_s`` are the seconds of what was done, which is stored, ``more_s`` about those that a comparison takes.
     """
 
-    needed_s: float
+    spent_s: float
+    more_s: float
 
     @property
     def minutes(self) -> int:
-        """Return the minutes that would suffice."""
-        return math.ceil(self.needed_s / 60)
+        """Return the minutes that would have sufficed."""
+        return math.ceil((self.spent_s + self.more_s) / 60)
+
+    @property
+    def more_minutes(self) -> int:
+        """Return the minutes that suffice when the command is called again."""
+        return math.ceil(self.more_s / 60)
 
 
 def choose(prices: Prices, full: RunPrice, budget: Budget, left_s: Callable[[], float]) -> Plan | TooLittleTime:
@@ -90,7 +96,7 @@ def choose(prices: Prices, full: RunPrice, budget: Budget, left_s: Callable[[], 
             return now.plan(full, {reduction: price}.__getitem__, [reduction])
     known = (reduction for reduction in prices.reductions if reduction not in refused)
     least_s = min(_least_s(budget, prices, full, reduction) for reduction in known)
-    return TooLittleTime(budget.seconds - left_s() + _SAFETY * least_s)
+    return TooLittleTime(budget.seconds - left_s(), _SAFETY * least_s)
 
 
 def _least_s(budget: Budget, prices: Prices, full: RunPrice, reduction: Reduction) -> float:
