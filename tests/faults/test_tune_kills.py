@@ -101,7 +101,11 @@ def prepare(folder: Path, definition: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("number", "phases"), [(signal.SIGKILL, PHASES), (signal.SIGINT, ("estimate:", "trial 2", "write:"))]
+    ("number", "phases"),
+    [
+        (signal.SIGKILL, ("estimate:", "trial 1", "confirm:", "write:")),
+        (signal.SIGINT, ("estimate:", "trial 1", "write:")),
+    ],
 )
 def test_tune_goes_on_after_each_phase(number: signal.Signals, phases: tuple[str, ...], tmp_path: Path) -> None:
     undisturbed, folder = (prepare(tmp_path / name, ANALYTIC + SEARCH) for name in ("undisturbed", "disturbed"))
