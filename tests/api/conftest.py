@@ -10,6 +10,11 @@ from gtf_tune.execution import InlineExecutor
 from tests.study.conftest import write_sequence
 
 
+@pytest.fixture(autouse=True)
+def _copied_tables(copied_tables: None) -> None:
+    """Make no tables anew."""
+
+
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> list[InlineExecutor]:
     """Let runs happen in this process, and return the executors that did them."""

@@ -7,7 +7,10 @@ from pathlib import Path
 
 import pytest
 
+import gtf_tune.execution
 from gtf_tune.cli.main import main
+from gtf_tune.execution import InlineExecutor
+from gtf_tune.report.dashboard import notes
 from tests.study.conftest import write_sequence
 
 
@@ -21,6 +24,15 @@ class Said:
 
 
 Cli = Callable[..., Said]
+
+
+@pytest.fixture(autouse=True)
+def _quick(request: pytest.FixtureRequest, copied_tables: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run in this process and draw nothing for optuna-dashboard, except in tests marked ``real_runs`` or ``drawn``."""
+    if not request.node.get_closest_marker("real_runs"):
+        monkeypatch.setattr(gtf_tune.execution, "LocalExecutor", lambda *_, **__: InlineExecutor())
+    if not request.node.get_closest_marker("drawn"):
+        monkeypatch.setattr(notes, "key_figures", lambda _: [])
 
 
 @pytest.fixture

@@ -32,6 +32,7 @@ def test_best_says_unconfirmed_until_it_is_confirmed(tuned: Cli) -> None:
     assert json.loads(tuned("study", "best", "small", "--json").out)["verdict"] == "unconfirmed"
 
 
+@pytest.mark.drawn
 def test_the_note_in_the_dashboard_has_the_verdict(tuned: Cli, tmp_path: Path) -> None:
     def note() -> str:
         database = open_database(str(next(tmp_path.rglob("*.db"))))

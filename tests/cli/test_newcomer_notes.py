@@ -32,6 +32,7 @@ def test_frames_that_nominal_loses_are_warned_of(cli: Cli, room: Path) -> None:
     assert "warning: on room the nominal options register only" in cli("study", "show", "small").err
 
 
+@pytest.mark.real_runs
 def test_a_nominal_setting_that_fails_is_warned_of_with_the_reason(cli: Cli, room: Path) -> None:
     cli(*CREATE, *AXIS, "--setting", "failure=abort")
     cli("study", "run", "small", "-j", "1")

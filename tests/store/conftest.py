@@ -115,14 +115,6 @@ def postgresql_server() -> Iterator[Server]:
 
 
 @pytest.fixture(scope="session")
-def sqlite_template(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a SQLite file with all tables, to be copied: making them takes half a second."""
-    path = tmp_path_factory.mktemp("template") / "empty.db"
-    create_database(str(path)).close()
-    return path
-
-
-@pytest.fixture(scope="session")
 def postgresql_template(postgresql_server: Server) -> Iterator[str]:
     """Yield the name of a PostgreSQL database with all tables, to be copied."""
     name = f"gtf_template_{uuid.uuid4().hex}"

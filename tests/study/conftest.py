@@ -38,6 +38,11 @@ def room(tmp_path: Path) -> Path:
     return write_sequence(tmp_path / "room", ground_truth=True)
 
 
+@pytest.fixture(autouse=True)
+def _copied_tables(copied_tables: None) -> None:
+    """Make no tables anew."""
+
+
 @pytest.fixture
 def database(tmp_path: Path) -> Database:
     return create_database(str(tmp_path / "study.db"))

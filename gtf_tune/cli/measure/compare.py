@@ -74,7 +74,7 @@ def compare(
 
 def _write(found: "SystemComparison", unit: "ScoreUnit") -> None:
     judged = bool(found.agreement.pairs)
-    columns = ["system", f">{unit.name} [{unit.short}]", ">change", "95 % interval", ">frames", ">time"]
+    columns = ["system", f">{unit.name} [{unit.short}]", ">change", "95 % interval [%]", ">frames", ">time"]
     rows = [_row(found, index, unit, judged) for index in range(len(found.systems))]
     write_table([*columns, *([">true ATE"] if judged else [])], rows)
     for doubt in found.verdict.doubts or ():
@@ -95,7 +95,7 @@ def _row(found: "SystemComparison", index: int, unit: "ScoreUnit", judged: bool)
     change, bounds = "", ""
     if index:
         effect = found.candidate(index).improvement
-        change, bounds = (effect.change, effect.bounds) if found.is_comparable(index) else ("-", "not comparable")
+        change, bounds = (effect.change, effect.bounds.replace(" %", "")) if found.is_comparable(index) else ("-", "not comparable")
     truth = (number(system.true_error),) if judged else ()
     time = duration(system.run_s)
     return _short(system), unit.text(system.score.value), change, bounds, f"{system.coverage:.0%}", time, *truth
