@@ -95,7 +95,8 @@ def _row(found: "SystemComparison", index: int, unit: "ScoreUnit", judged: bool)
     change, bounds = "", ""
     if index:
         effect = found.candidate(index).improvement
-        change, bounds = (effect.change, effect.bounds.replace(" %", "")) if found.is_comparable(index) else ("-", "not comparable")
+        comparable = found.is_comparable(index)
+        change, bounds = (effect.change, effect.bounds.replace(" %", "")) if comparable else ("-", "not comparable")
     truth = (number(system.true_error),) if judged else ()
     time = duration(system.run_s)
     return _short(system), unit.text(system.score.value), change, bounds, f"{system.coverage:.0%}", time, *truth
