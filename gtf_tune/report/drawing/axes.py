@@ -81,7 +81,7 @@ _FEW_DECADES = 1.2
 
 def option_axis_layout(axis: OptionAxis) -> dict[str, Any]:
     """Return the settings of the axis of an option: log where the space is log, words for categories."""
-    settings = theme.axis(escape(axis.option))
+    settings = theme.axis(escape(axis.option.rpartition(".")[2]))
     if axis.scale == "categories":
         ticks = list(range(len(axis.categories)))
         words = [escape(word) for word in axis.categories]
