@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from gtf_tune.api.comparison import compare
+    from gtf_tune.api.comparison import check, compare
     from gtf_tune.api.studies import create_study, evaluate, open_study, tune
     from gtf_tune.api.study import Study
     from gtf_tune.api.trajectories import gtf_ate, load_trajectories
@@ -21,6 +21,7 @@ __all__ = [
     "Study",
     "Trajectory",
     "__version__",
+    "check",
     "compare",
     "create_study",
     "evaluate",
@@ -36,6 +37,7 @@ _MODULES = MappingProxyType(
         "Study": "gtf_tune.api.study",
         "Trajectory": "gtf_tune.trajectory.value",
         "__version__": "gtf_tune.version",
+        "check": "gtf_tune.api.comparison",
         "compare": "gtf_tune.api.comparison",
         "create_study": "gtf_tune.api.studies",
         "evaluate": "gtf_tune.api.studies",
