@@ -25,6 +25,7 @@ from benchmarks import (
     page,
     search_runs,
     side_by_side,
+    verdict_price,
 )
 from benchmarks.section import Benchmark, Effort, as_text
 
@@ -37,6 +38,7 @@ BENCHMARKS: Mapping[str, Benchmark] = {
     "search": search_runs.run,
     "five-rendered": five_rendered.run,
     "many-trials": many_trials.run,
+    "verdict": verdict_price.run,
 }
 
 
