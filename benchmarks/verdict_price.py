@@ -4,7 +4,6 @@ Prices follow from the processor times of the stages, as the bank of runs keeps 
 stages.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
