@@ -41,10 +41,10 @@ class RunRequest:
 
     @property
     def images(self) -> "ImageSource":
-        """Return the images that the run reads."""
+        """Return the images that the run reads: in colour for pipelines with ``channels`` 3, grey for others."""
         from gtf_tune.sequence import ImageSource
 
-        return ImageSource(self.sequence, sigma=self.noise_sigma, seed=self.noise_seed)
+        return ImageSource(self.sequence, self.noise_sigma, self.noise_seed, getattr(self.pipeline, "channels", 1))
 
     @property
     def key(self) -> str:

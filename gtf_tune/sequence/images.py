@@ -1,4 +1,4 @@
-"""Read image files as 8-bit grey, and their sizes without decoding them."""
+"""Read image files as 8-bit grey or colour, and their sizes without decoding them."""
 
 import io
 import re
@@ -17,7 +17,7 @@ from PIL import Image, UnidentifiedImageError
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.image_formats import HEIF_SUFFIXES, LATER_SUFFIXES
-from gtf_tune.sequence.image_noise import GreyImage
+from gtf_tune.sequence.image_noise import ColourImage, GreyImage
 
 _HEADER_BYTES = 1 << 16
 _UINT8_STEP = 257
@@ -43,11 +43,15 @@ def read_grey(path: Path) -> GreyImage:
     SequenceError
         The file is missing, empty, damaged, not an image, too large, or neither 8 nor 16 bits deep.
     """
-    data = _read_bytes(path)
-    _check_size(path, *(_size_from_header(data[:_HEADER_BYTES]) or (1, 1)))
-    check_complete(path, io.BytesIO(data), len(data))
-    check_undamaged(path, data)
-    return _to_grey(path, _decoded(path, data))
+    return _eight_bits(_in_channels(path, _stored_pixels(path), 1))
+
+
+def read_colour(path: Path) -> ColourImage:
+    """Return an image file as 8-bit colour of shape (h, w, 3), blue first as OpenCV has it; grey in equal channels.
+
+    Alpha, depth and orientation are treated as by `read_grey`, which says what is raised.
+    """
+    return _eight_bits(_in_channels(path, _stored_pixels(path), 3))
 
 
 def image_size(path: Path) -> tuple[int, int]:
@@ -148,15 +152,33 @@ def _decoded_heif(path: Path, data: bytes) -> NDArray[np.generic]:
         raise SequenceError(f"{path}: cannot be decoded as an image ({error}); {_LEAVE_OUT}") from error
 
 
-def _to_grey(path: Path, pixels: NDArray[np.generic]) -> GreyImage:
+def _stored_pixels(path: Path) -> NDArray[np.generic]:
+    data = _read_bytes(path)
+    _check_size(path, *(_size_from_header(data[:_HEADER_BYTES]) or (1, 1)))
+    check_complete(path, io.BytesIO(data), len(data))
+    check_undamaged(path, data)
+    return _decoded(path, data)
+
+
+_CONVERSIONS = {
+    1: {1: None, 3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY},
+    3: {1: cv2.COLOR_GRAY2BGR, 3: None, 4: cv2.COLOR_BGRA2BGR},
+}
+
+
+def _in_channels(path: Path, pixels: NDArray[np.generic], channels: int) -> NDArray[np.generic]:
+    """Return the pixels with 1 channel, of shape (h, w), or with 3."""
     if pixels.dtype not in (np.uint8, np.uint16):
         raise SequenceError(f"{path}: expected 8 or 16 bits per channel, not {pixels.dtype}; convert the image")
-    if pixels.ndim == 3:
-        codes = {1: None, 3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}
-        if pixels.shape[2] not in codes:
-            raise SequenceError(f"{path}: expected 1, 3 or 4 channels, not {pixels.shape[2]}; convert the image")
-        code = codes[pixels.shape[2]]
-        pixels = pixels[..., 0] if code is None else cv2.cvtColor(pixels, code)
+    stored = pixels.shape[2] if pixels.ndim == 3 else 1
+    if stored not in _CONVERSIONS[channels]:
+        raise SequenceError(f"{path}: expected 1, 3 or 4 channels, not {stored}; convert the image")
+    pixels = pixels[..., 0] if pixels.ndim == 3 and stored == 1 else pixels
+    code = _CONVERSIONS[channels][stored]
+    return pixels if code is None else cv2.cvtColor(pixels, code)
+
+
+def _eight_bits(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
     if pixels.dtype == np.uint16:
         pixels = np.rint(pixels.astype(np.float32) / _UINT8_STEP).astype(np.uint8)
     return np.ascontiguousarray(pixels, dtype=np.uint8)

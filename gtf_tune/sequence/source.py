@@ -6,6 +6,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gtf_tune.errors import MachineError, SequenceError
 from gtf_tune.sequence.image_noise import NOISE_VERSION, GreyImage, noisy_image
@@ -16,7 +20,9 @@ _SUFFIX = ".pgm"
 
 @dataclass(frozen=True, eq=False)
 class ImageSource:
-    """One copy of a sequence for a pipeline: 8-bit grey images with Gaussian noise of ``sigma`` grey levels.
+    """One copy of a sequence for a pipeline: 8-bit images with Gaussian noise of ``sigma`` grey levels.
+
+    ``channels`` is 1 for grey images and 3 for colour, where each channel has noise of its own.
 
     ``sigma = 0`` is the clean copy; it goes through the same writer, and ``seed`` then means nothing.
 
@@ -29,6 +35,7 @@ class ImageSource:
     sequence: Sequence
     sigma: float = 0.0
     seed: int = 0
+    channels: Literal[1, 3] = 1
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.sigma) and self.sigma >= 0 and self.seed >= 0):
@@ -40,7 +47,8 @@ class ImageSource:
     def key(self) -> str:
         """Return the hex SHA-256 of everything that the written images depend on."""
         noise = f"{NOISE_VERSION} {self.sigma!r} {self.seed}" if self.sigma else "clean"
-        return hashlib.sha256(f"{self.sequence.fingerprint} {noise}".encode()).hexdigest()
+        pixels = self.sequence.fingerprint if self.channels == 1 else f"colour {self.sequence.colour_fingerprint}"
+        return hashlib.sha256(f"{pixels} {noise}".encode()).hexdigest()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,12 +72,13 @@ class ImageSource:
     def _frame_ids(self) -> dict[str, int]:
         return {_file_name(frame): frame.frame_id for frame in self.sequence.frames}
 
-    def read(self, frame: Frame) -> GreyImage:
-        """Return the clean or noisy pixels of a frame, of shape (height, width)."""
-        return noisy_image(self.sequence.read_grey(frame), self.sigma, seed=self.seed, frame_id=frame.frame_id)
+    def read(self, frame: Frame) -> NDArray[np.uint8]:
+        """Return the clean or noisy pixels of a frame, of shape (height, width), or (height, width, 3) in colour."""
+        read = self.sequence.read_grey if self.channels == 1 else self.sequence.read_colour
+        return noisy_image(read(frame), self.sigma, seed=self.seed, frame_id=frame.frame_id)
 
     def write(self, folder: Path, threads: int = 1) -> None:
-        """Write every frame into an existing folder as a binary PGM file named by its frame id.
+        """Write every frame of a grey copy into an existing folder as a binary PGM file named by its frame id.
 
         PGM has no compression: it is written and read at the speed of a copy (see benchmarks/noise_throughput.py). The
         files are the same whatever ``threads`` is.
@@ -77,10 +86,12 @@ class ImageSource:
         Raises
         ------
         SequenceError
-            An image cannot be read.
+            An image cannot be read, or the copy is in colour.
         MachineError
             The folder cannot be written to.
         """
+        if self.channels != 1:
+            raise SequenceError("a PGM file has no colour; write the pixels that `read` gives in another format")
 
         def write_one(frame: Frame) -> None:
             _write_pgm(folder / _file_name(frame), self.read(frame))

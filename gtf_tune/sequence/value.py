@@ -8,12 +8,14 @@ from functools import cached_property
 from pathlib import Path
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from gtf_tune.errors import SequenceError
 from gtf_tune.sequence.camera import Camera
 from gtf_tune.sequence.cameras import SequenceCamera, cameras_key, check_numbers, commonest
-from gtf_tune.sequence.image_noise import GreyImage
-from gtf_tune.sequence.images import read_grey
+from gtf_tune.sequence.image_noise import ColourImage, GreyImage
+from gtf_tune.sequence.images import read_colour, read_grey
 from gtf_tune.trajectory import Trajectory
 
 _FINGERPRINT_THREADS = 2
@@ -132,15 +134,26 @@ class Sequence:
         SequenceError
             The file is missing, damaged or has changed its size since the sequence was loaded.
         """
-        grey, camera = read_grey(frame.path), self.camera_of(frame)
-        if grey.shape[::-1] != camera.stored_size:
+        return self._sized(frame, read_grey(frame.path))
+
+    def read_colour(self, frame: Frame) -> ColourImage:
+        """Return the 8-bit pixels of a frame, of shape (height, width, 3), blue first, as the pipeline sees them.
+
+        Images that are stored grey have three equal channels. Raises as `read_grey` does.
+        """
+        return self._sized(frame, read_colour(frame.path))
+
+    def _sized(self, frame: Frame, pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        camera = self.camera_of(frame)
+        size = pixels.shape[1], pixels.shape[0]
+        if size != camera.stored_size:
             raise SequenceError(
                 f"{frame.path}: expected {camera.stored_size[0]}x{camera.stored_size[1]} pixels like the other images, "
-                f"not {grey.shape[1]}x{grey.shape[0]}; resize or remove it"
+                f"not {size[0]}x{size[1]}; resize or remove it"
             )
-        if grey.shape[::-1] != camera.size:
-            grey = cv2.resize(grey, camera.size, interpolation=cv2.INTER_AREA)
-        return grey
+        if size != camera.size:
+            pixels = np.asarray(cv2.resize(pixels, camera.size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        return pixels
 
     @cached_property
     def fingerprint(self) -> str:
@@ -157,6 +170,15 @@ class Sequence:
         self.__dict__[_STAMPS] = stamps
         return total.hexdigest()
 
+    @cached_property
+    def colour_fingerprint(self) -> str:
+        """Return the hex SHA-256 of the fingerprint and of all pixels in colour: grey ones do not say the colour."""
+        total = hashlib.sha256(self.fingerprint.encode())
+        with ThreadPoolExecutor(_FINGERPRINT_THREADS) as pool:
+            for pixels in pool.map(self._colour_digest, self.frames):
+                total.update(pixels)
+        return total.hexdigest()
+
     def check_unchanged(self) -> None:
         """Raise `SequenceError` if the images are no longer those of the fingerprint.
 
@@ -168,7 +190,9 @@ class Sequence:
         now = self._stamps()
         if now == before:
             return
-        if replace(self).fingerprint != self.fingerprint:  # a copy has no fingerprint yet
+        copy = replace(self)  # without fingerprints yet
+        in_colour = "colour_fingerprint" in self.__dict__
+        if copy.fingerprint != self.fingerprint or (in_colour and copy.colour_fingerprint != self.colour_fingerprint):
             raise SequenceError(
                 f"the images of sequence '{self.name}' in {self.root} were changed while they were worked on; restore "
                 "them, or create a new study"
@@ -181,6 +205,9 @@ class Sequence:
 
     def _pixel_digest(self, frame: Frame) -> bytes:
         return hashlib.sha256(self.read_grey(frame).data).digest()
+
+    def _colour_digest(self, frame: Frame) -> bytes:
+        return hashlib.sha256(self.read_colour(frame).tobytes()).digest()
 
 
 def _stamp(path: Path) -> tuple[int, int, int]:

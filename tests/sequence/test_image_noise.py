@@ -89,7 +89,7 @@ def test_impossible_sigma_is_refused(sigma):
         noisy_image(GREY, sigma, seed=0, frame_id=0)
 
 
-@pytest.mark.parametrize("image", [np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4), np.uint16)])
-def test_anything_but_8_bit_grey_is_refused(image):
-    with pytest.raises(ValueError, match="8-bit grey"):
+@pytest.mark.parametrize("image", [np.zeros((4, 4, 2), np.uint8), np.zeros((4, 4), np.uint16)])
+def test_anything_but_8_bit_grey_or_colour_is_refused(image):
+    with pytest.raises(ValueError, match="8-bit image"):
         noisy_image(image, 1.0, seed=0, frame_id=0)

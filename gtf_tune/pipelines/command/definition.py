@@ -96,10 +96,20 @@ class StepDefinition(Section):
 
 
 class ImagesDefinition(Section):
-    """Say where in the workspace the images lie and what they are called; the suffix gives the format."""
+    """Say where in the workspace the images lie and what they are called; the suffix gives the format.
+
+    They are grey, or in colour where ``channels`` is 3: each channel has noise of its own then.
+    """
 
     folder: str = "images"
     name: str = "{frame_id:06d}.pgm"
+    channels: Literal[1, 3] = 1
+
+    @model_validator(mode="after")
+    def _check_colour(self) -> Self:
+        if self.channels == 3 and self.name.endswith(".pgm"):
+            raise ValueError("a PGM file has no colour; with channels = 3 give a 'name' such as '{frame_id:06d}.png'")
+        return self
 
 
 class FileDefinition(Section):

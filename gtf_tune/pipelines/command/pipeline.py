@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from gtf_tune.pipelines.base import PipelineJob, PipelineOutput
 from gtf_tune.pipelines.command.definition import TIME_FIELDS, templates_of
@@ -37,6 +38,11 @@ class CommandPipeline:
         definition = self.command.definition
         named = {name for _, template, _ in templates_of(definition) for name, _ in fields_of(template)}
         return definition.output.association == "timestamp" or not TIME_FIELDS.isdisjoint(named)
+
+    @property
+    def channels(self) -> Literal[1, 3]:
+        """Return 3 where the definition asks for colour images, 1 for grey ones."""
+        return self.command.definition.images.channels
 
     @property
     def takes_several_cameras(self) -> bool:

@@ -188,6 +188,8 @@ def _identity(
     dumped = written.model_dump(mode="json", exclude=_NOT_RESULTS)
     if written.output.duplicates == "error":  # keys of stored runs are older than this field
         del dumped["output"]["duplicates"]
+    if written.images.channels == 1:
+        del dumped["images"]["channels"]
     for step in dumped["steps"]:  # likewise; with several cameras the runs have keys of their own
         del step["each_camera"]
     return {"definition": dumped, "values": values, "files": files}

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping
 from functools import cached_property, reduce
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from gtf_tune.definition.objects import load_object
 from gtf_tune.errors import DefinitionError
@@ -62,6 +62,11 @@ class ImportedPipeline:
     def reads_times(self) -> bool:
         """Whether results depend on the times of frames."""
         return bool(getattr(self._pipeline, "reads_times", False))
+
+    @property
+    def channels(self) -> Literal[1, 3]:
+        """Return 3 where the pipeline reads colour images, 1 where it reads grey ones."""
+        return 3 if getattr(self._pipeline, "channels", 1) == 3 else 1
 
     @property
     def options(self) -> OptionTable:
