@@ -17,7 +17,6 @@ from tests.store.conftest import (  # noqa: F401 (fixtures)
     make_storage,
     postgresql_server,
     postgresql_template,
-    sqlite_template,
 )
 from tests.study.conftest import write_sequence
 

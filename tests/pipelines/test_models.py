@@ -8,6 +8,7 @@ import pycolmap
 import pytest
 
 from gtf_tune.errors import RunError
+from gtf_tune.pipelines.colmap.clouds import read_cloud
 from gtf_tune.pipelines.colmap.models import read_model, transforms_json
 
 FRAMES = {f"{index:02d}.png": (3 * index, index / 10) for index in range(6)}
@@ -63,3 +64,18 @@ def test_nerfstudio_gets_poses_that_look_along_minus_z(model: Path) -> None:
 def test_a_folder_without_a_model_is_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="no COLMAP model can be read from"):
         read_model(tmp_path, FRAMES)
+
+
+def test_a_picture_has_points_colours_and_cameras_that_see_the_points(model: Path) -> None:
+    found = read_cloud(model)
+
+    images = pycolmap.Reconstruction(model).images
+    assert found.points.shape == found.colours.shape == (40, 3)
+    assert found.num_points == 40
+    assert found.names == tuple(sorted(FRAMES))
+    for image in images.values():
+        place = found.names.index(image.name)
+        assert np.allclose(found.centres[place], image.projection_center())
+        assert np.allclose(found.axes[place, 2], image.viewing_direction())
+        assert np.allclose(found.corners[place].mean(axis=0), image.viewing_direction())
+        assert np.linalg.norm(found.corners[place, 0] - found.corners[place, 1]) == pytest.approx(1024 / 1280)

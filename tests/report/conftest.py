@@ -39,7 +39,6 @@ from tests.store.conftest import (  # noqa: F401 (fixtures)
     make_storage,
     postgresql_server,
     postgresql_template,
-    sqlite_template,
 )
 
 FRAMES = 24

@@ -43,6 +43,7 @@ ERROR_SCALE: Scale = ((0.0, "rgb(58,112,176)"), (0.5, "rgb(226,178,70)"), (1.0, 
 """From small errors to large ones; every colour is visible on white and on dark paper."""
 HEIGHT_PX = 400
 _TITLE_PX = 34
+_TOOLBAR_PX = 40
 _AXIS = {
     "gridcolor": GRID,
     "linecolor": LINE,
@@ -122,7 +123,8 @@ def titled(drawn: go.Figure, title: str) -> go.Figure:
             "y": 1 - 0.5 * _TITLE_PX / height,
             "yanchor": "middle",
         },
-        margin={"t": (drawn.layout.margin.t or 0) + _TITLE_PX},
+        margin={"t": (drawn.layout.margin.t or 0) + _TITLE_PX, "r": max(drawn.layout.margin.r or 0, _TOOLBAR_PX)},
+        modebar={"orientation": "v"},  # beside the figure, where it covers no title
         height=height,
     )
     return copied
