@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from experiments import several
 from experiments.ablation import ablation, swept_elsewhere
+from experiments.calibration import main as calibrate
 from experiments.findings import Findings
 from experiments.fresh import read_fresh
 from experiments.joint import SEQUENCES as JOINT_SEQUENCES
@@ -138,6 +139,7 @@ def _write(bench: Bench, folders: Mapping[str, Path]) -> None:
         ),
         DOCS,
     )
+    calibrate()
 
 
 def _read_all(

@@ -40,6 +40,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     from experiments.bank.page import page, with_short_answer
     from experiments.bank.replay import replay
     from experiments.bank.rules import RULES
+    from experiments.calibration import main as calibrate
 
     del arguments
     if not BANK_FILE.exists():
@@ -47,6 +48,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     bank = load()
     ANSWER.write_text(with_short_answer(ANSWER.read_text(encoding="utf-8"), bank), encoding="utf-8")
     PAGE.write_text(page(bank, replay(bank, RULES)), encoding="utf-8")
+    calibrate()
 
 
 def _arguments() -> argparse.Namespace:
