@@ -69,7 +69,7 @@ check: setup ## Lint, type-check, check layers, file sizes, links and spelling, 
 bench: setup ## Measure side by side and rewrite docs/performance.md
 	$(BIN)/python -m benchmarks
 
-experiments: setup ## Run the paper's experiments (hours; resumable) and rewrite docs/results.md
+experiments: setup ## Run the paper's experiments (hours; resumable) and rewrite docs/results-appendix.md
 	$(BIN)/python -m experiments
 
 paper: setup ## Make the paper's figures beside ours and docs/paper.md (resumable; DATA=DIR: its own data sets)

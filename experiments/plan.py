@@ -70,7 +70,7 @@ ROOM = "room"
 SIGMAS = MappingProxyType(
     {ROOM: 5.0, "dtu-scan24": 2.0, "fountain-P11": 5.0, "hut": 5.0, "kitti07": 5.0, "kitti06": 5.0}
 )
-"""Noise in grey levels; 384 x 384 images with few features need less (docs/results.md, noise ladder)."""
+"""Noise in grey levels; 384 x 384 images with few features need less (docs/results-appendix.md, noise ladder)."""
 
 DEFAULT_SIGMA = 5.0
 

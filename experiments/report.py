@@ -1,4 +1,4 @@
-"""Turn outcomes into docs/results.md and docs/results.json; every number comes from the database."""
+"""Turn outcomes into docs/results-appendix.md and docs/results.json; every number comes from the database."""
 
 import json
 from collections.abc import Sequence
@@ -24,13 +24,15 @@ from experiments.several import several_table
 from experiments.unseen import picks_on_unseen, shares, unseen_table
 from experiments.weaker import noise_pairs, noise_sentence, noise_table
 
+_HEAD = "# Appendix: the paper's experiments\n\n[Results](results.md) has the short answer."
+
 
 def write_results(findings: Findings, folder: Path) -> None:
-    """Write results.md, results.json and the figures into ``folder``."""
+    """Write results-appendix.md, results.json and the figures into ``folder``."""
     folder.mkdir(parents=True, exist_ok=True)
     drawn = write_figures(findings, folder / FOLDER)
-    page = "\n\n".join(["# Results", holds_part(findings), _introduction(findings), *_parts(findings, drawn)])
-    (folder / "results.md").write_text(page + "\n", encoding="utf-8")
+    page = "\n\n".join([_HEAD, holds_part(findings), _introduction(findings), *_parts(findings, drawn)])
+    (folder / "results-appendix.md").write_text(page + "\n", encoding="utf-8")
     data = {
         "experiments": [_as_data(outcome) for outcome in findings.outcomes],
         "weaker_noise": [_as_data(one) for one in findings.weaker],

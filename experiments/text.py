@@ -1,4 +1,4 @@
-"""What stands above each table of docs/results.md."""
+"""What stands above each table of docs/results-appendix.md."""
 
 from types import MappingProxyType
 

@@ -1,6 +1,7 @@
 """Fill the bank of runs, pack it into one small file, and replay rules on it."""
 
 import argparse
+import json
 import os
 import sys
 from pathlib import Path
@@ -10,6 +11,8 @@ from gtf_tune.errors import GtfTuneError
 WORK_VARIABLE = "GTF_TUNE_BANK"
 PAGE = Path("docs/bank.md")
 ANSWER = Path("docs/which-options.md")
+RESULTS = Path("docs/results.md")
+CONFIRMED = Path("docs/results.json")
 
 
 def main() -> None:
@@ -39,6 +42,7 @@ def _replay(arguments: argparse.Namespace) -> None:
     from experiments.bank.bank import BANK_FILE, load
     from experiments.bank.page import page, with_short_answer
     from experiments.bank.replay import replay
+    from experiments.bank.results import results_page
     from experiments.bank.rules import RULES
     from experiments.calibration import main as calibrate
 
@@ -47,7 +51,10 @@ def _replay(arguments: argparse.Namespace) -> None:
         sys.exit(f"there is no {BANK_FILE}; run `python -m experiments.bank fill` and then `pack`")
     bank = load()
     ANSWER.write_text(with_short_answer(ANSWER.read_text(encoding="utf-8"), bank), encoding="utf-8")
-    PAGE.write_text(page(bank, replay(bank, RULES)), encoding="utf-8")
+    found = replay(bank, RULES)
+    PAGE.write_text(page(bank, found), encoding="utf-8")
+    fresh = json.loads(CONFIRMED.read_text(encoding="utf-8"))["fresh"]
+    RESULTS.write_text(results_page(bank, found, fresh), encoding="utf-8")
     calibrate()
 
 
@@ -59,7 +66,7 @@ def _arguments() -> argparse.Namespace:
     filling = commands.add_parser("fill", help="make runs that are not stored yet; resumable")
     filling.add_argument("--minutes", type=float, default=1e6, help="stop after so many minutes")
     commands.add_parser("pack", help="write the runs that are stored into one small file of the repository")
-    commands.add_parser("replay", help=f"replay all rules on that file and write {PAGE} and {ANSWER}")
+    commands.add_parser("replay", help=f"replay all rules on that file and write {PAGE}, {RESULTS} and {ANSWER}")
     return parser.parse_args()
 
 

@@ -29,7 +29,8 @@ class GtfDefinition(Section):
     confirmation follows (docs/bank.md compares other numbers). ``noise_sigma`` is in grey levels (0..255).
     ``coverage_floor`` is the fraction of nominal coverage that every run must reach. ``common_noise`` gives run j of
     every trial the same noise. ``aggregate`` is the median by default, which ranks best where some runs diverge
-    (docs/results.md); ``mean`` is the paper's. ``rpe_delta`` is in ``rpe_delta_unit`` and only read by the rpe metrics.
+    (docs/results-appendix.md); ``mean`` is the paper's. ``rpe_delta`` is in ``rpe_delta_unit`` and only read by the rpe
+    metrics.
     """
 
     clean_runs: int = Field(default=2, ge=1, le=1000)

@@ -14,7 +14,8 @@ from experiments.bank.draw import Draw, Others, TooFewRunsError, block, price, s
 from experiments.bank.page import page, with_short_answer
 from experiments.bank.plan import CONFIGURATIONS, FIRST, NOMINAL, SEQUENCES, batches, copies
 from experiments.bank.replay import draws, replay, sound
-from experiments.bank.rules import RULES, confirmed, fixed, in_hindsight, nominal, posterior, race
+from experiments.bank.results import results_page
+from experiments.bank.rules import RULES, confirmed, fixed, in_hindsight, led, nominal, posterior, race
 
 ROOT = Path(__file__).parents[2]
 LABELS = tuple(CONFIGURATIONS)[:5]
@@ -236,6 +237,28 @@ def test_the_page_has_a_row_for_every_rule_and_sequence():
     text = page(bank, replay(bank, RULES, count=2))
 
     assert all(f"| {name} |" in text for name in (*RULES, *bank.sequences, *bank.labels))
+    assert "nan" not in text
+
+
+def test_another_configuration_takes_the_place_of_the_leading_one_by_a_clear_score_only() -> None:
+    near, far = ([[1, 0.7, 0.9, 0.5, 0.8]] * 4 + [[1, 0.7, 0.9, last, 0.8]] for last in (0.72, 0.8))
+    rule = partial(led, size=5, runs=(2, 3), margin=0.05)
+
+    assert rule(first_draw(bank_of(near), 4)) == 3
+    assert rule(first_draw(bank_of(far), 4)) == 1
+
+
+def test_the_results_name_every_sequence_on_which_what_is_adopted_is_worse_than_nominal() -> None:
+    bank = bank_of([[1, 0.7, 0.9, 0.6, 0.8]] * 4 + [[1, 1.2, 1.3, 1.1, 1.4]], spread=0.05)
+    true = bank.per_run["true"].copy()
+    true[0, 3] *= 3.0
+    worse = replace(bank, per_run={**bank.per_run, "true": true})
+    fresh = [{"is_adopted": True, "clean": 0.3}, {"is_adopted": False, "clean": 0.1}]
+
+    text = results_page(worse, replay(worse, RULES, count=3), fresh)
+
+    assert "* **s0**: +" in text
+    assert "adopted 1, of which 1 was worse than nominal on the clean images by more than 2% (+30.0% at worst)" in text
     assert "nan" not in text
 
 

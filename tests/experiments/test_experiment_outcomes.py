@@ -130,7 +130,7 @@ def test_results_say_what_is_adopted_and_what_is_missing(tmp_path: Path, monkeyp
 
     report.write_results(findings, tmp_path)
 
-    page = (tmp_path / "results.md").read_text()
+    page = (tmp_path / "results-appendix.md").read_text()
     assert "adopt -50.0%" in page
     assert "a nominal setting that works: hut.ba.s5" in page
     assert (tmp_path / "results.json").stat().st_size > 100

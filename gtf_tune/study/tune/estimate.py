@@ -31,7 +31,7 @@ from gtf_tune.study.tune.reconstruct import TooSlow, Workshop
 from gtf_tune.trajectory import Trajectory
 
 NOISE_SIGMA = 0.5
-"""Noise in grey levels: what measuring it, for 14 to 30 runs, gave on nearly every sequence (docs/results.md)."""
+"""Noise in grey levels: what the ladder, of 14 to 30 runs, gave on nearly every sequence (docs/results-appendix.md)."""
 
 _SHORT_S = 15.0
 _MODEL_SHARE = 0.4
