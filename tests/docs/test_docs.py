@@ -42,7 +42,8 @@ def _needs_another_place(shown: Snippet) -> bool:
     return (
         "--install-completion" in words
         or "--side" in words
-        or words[0] in ("dashboard", "worker")
+        or words[0] == "dashboard"
+        or (words[0] == "worker" and "--once" not in words)
         or any("://" in word for word in words)
     )
 
