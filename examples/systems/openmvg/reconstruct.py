@@ -8,7 +8,7 @@ import openmvg_rs
 parser = argparse.ArgumentParser()
 parser.add_argument("images", type=Path)
 parser.add_argument("model", type=Path, help="folder of the COLMAP model that is written: FOLDER/sparse/0")
-parser.add_argument("--camera", help="fx,fy,cx,cy in pixels, which then stay fixed")
+parser.add_argument("--camera", help="fx,fy,cx,cy in pixels, the first of which is centred at (0, 0)")
 parser.add_argument("--seed", type=int)
 parser.add_argument("--threads", type=int)
 parser.add_argument("--engine", default="incremental")
@@ -19,8 +19,7 @@ calibration = None
 if given.camera:
     fx, fy, cx, cy = map(float, given.camera.split(","))
     calibration = Path("K.txt")
-    # OpenMVG has the centre of the first pixel at (0, 0), COLMAP and gtf-tune at (0.5, 0.5).
-    calibration.write_text(f"{fx} 0 {cx - 0.5}\n0 {fy} {cy - 0.5}\n0 0 1\n")
+    calibration.write_text(f"{fx} 0 {cx}\n0 {fy} {cy}\n0 0 1\n")
 scene = openmvg_rs.reconstruct(
     given.images,
     engine=given.engine,

@@ -38,15 +38,17 @@ def match(images: Path, state: Path, max_features: int, contrast_threshold: floa
 
 
 def calibration(width: int, height: int, camera: str) -> "pytheia.sfm.CameraIntrinsicsPrior":
-    """Return what is known of the camera; OpenCV's features have the centre of the first pixel at (0, 0)."""
+    """Return what is known of the camera; the centre of the first pixel is at (0, 0), as OpenCV's features have it."""
     prior = pytheia.sfm.CameraIntrinsicsPrior()
     prior.image_width, prior.image_height = width, height
     prior.camera_intrinsics_model_type = "PINHOLE"
     fx, fy, cx, cy = (
-        map(float, camera.split(",")) if camera else [1.2 * max(width, height)] * 2 + [width / 2, height / 2]
+        map(float, camera.split(","))
+        if camera
+        else [1.2 * max(width, height)] * 2 + [width / 2 - 0.5, height / 2 - 0.5]
     )
     prior.focal_length.value, prior.aspect_ratio.value = [fx], [fy / fx]
-    prior.principal_point.value = [cx - 0.5, cy - 0.5]
+    prior.principal_point.value = [cx, cy]
     prior.skew.value = [0.0]
     return prior
 
