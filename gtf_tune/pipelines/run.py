@@ -50,9 +50,11 @@ class RunRequest:
     def key(self) -> str:
         """Return the hex SHA-256 of everything that the result depends on.
 
-        The times of frames are part of it only for pipelines with a true ``reads_times``.
+        The times of frames are part of it only for pipelines with a true ``reads_times``, files beside
+        the images only for those whose ``sequence_key`` names them.
         """
         prior = self.sequence.focal_prior if self.sequence.camera is None else None
+        beside = getattr(self.pipeline, "sequence_key", lambda _: None)(self.sequence)
         reads_times = getattr(self.pipeline, "reads_times", False)
         return digest(
             {
@@ -68,6 +70,7 @@ class RunRequest:
                 "threads": self.threads,
                 **({} if prior is None else {"focal_prior": prior}),
                 **({"times": [frame.timestamp for frame in self.sequence.frames]} if reads_times else {}),
+                **({} if beside is None else {"sequence": beside}),
             }
         )
 

@@ -79,7 +79,12 @@ def _step_faults(definition: CommandDefinition) -> Iterator[str]:
 
 
 def _parameter_faults(definition: CommandDefinition) -> Iterator[str]:
-    taken = RUN_FIELDS | FRAME_FIELDS | set(CommandDefinition.model_fields) | {"preset", "definition", "value"}
+    taken = (
+        (RUN_FIELDS - {"sequence"})
+        | FRAME_FIELDS
+        | set(CommandDefinition.model_fields)
+        | {"preset", "definition", "value"}
+    )
     for name, parameter in definition.parameters.items():
         if not _NAME.fullmatch(name) or name in taken:
             yield f"a parameter cannot be called '{name}'; take another name of small letters, digits and '_'"
@@ -92,6 +97,8 @@ def _path_faults(definition: CommandDefinition) -> Iterator[str]:
     places += [("folders", folder) for folder in definition.folders]
     places += [("a file", file.path) for file in definition.files]
     places += [("a settings file", file.path) for file in definition.settings_files if file.path]
+    places += [("sequence_files", path) for path in definition.sequence_files.unchanged]
+    places += [("sequence_files", path) for path in definition.sequence_files.noisy]
     for place, path in places:
         if not path or PurePosixPath(path).is_absolute() or ".." in PurePosixPath(path).parts:
             yield f"{place}: the path '{path}' must lie inside the workspace"

@@ -23,6 +23,7 @@ RUN_FIELDS = CAMERA_FIELDS | {
     "image_list",
     "timestamps",
     "output",
+    "sequence",
     "seed",
     "threads",
     "workspace",
@@ -110,6 +111,17 @@ class ImagesDefinition(Section):
         if self.channels == 3 and self.name.endswith(".pgm"):
             raise ValueError("a PGM file has no colour; with channels = 3 give a 'name' such as '{frame_id:06d}.png'")
         return self
+
+
+class SequenceFilesDefinition(Section):
+    """Say what the folder ``{sequence}`` has besides the images of the frames, by paths below the data set's folder.
+
+    Files and folders that are ``unchanged`` (depth, an IMU's data, lists) are links to the data set's; the images of
+    ``noisy`` ones (those of a second camera) get the same amount of noise as the frames, drawn by itself.
+    """
+
+    unchanged: tuple[str, ...] = ()
+    noisy: tuple[str, ...] = ()
 
 
 class FileDefinition(Section):
@@ -202,6 +214,7 @@ class CommandDefinition(Section):
     options_passed: Literal["changed", "all"] = "changed"
     boolean_words: tuple[str, str] = ("false", "true")
     images: ImagesDefinition = ImagesDefinition()
+    sequence_files: SequenceFilesDefinition = SequenceFilesDefinition()
     folders: tuple[str, ...] = ()
     files: tuple[FileDefinition, ...] = ()
     settings_files: tuple[SettingsFileDefinition, ...] = ()

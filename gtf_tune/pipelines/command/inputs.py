@@ -14,6 +14,7 @@ from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.command.camera import camera_values
 from gtf_tune.pipelines.command.definition import CommandDefinition, FileDefinition, ImagesDefinition, Scalar
 from gtf_tune.pipelines.command.resolution import ResolvedCommand
+from gtf_tune.pipelines.command.sequence_folder import uses_sequence, write_sequence
 from gtf_tune.pipelines.command.settings_files import format_of, write_values
 from gtf_tune.pipelines.command.templates import NoValueError, Value, filled
 from gtf_tune.pipelines.options import OptionValue
@@ -54,6 +55,8 @@ def prepare(command: ResolvedCommand, job: PipelineJob) -> RunInputs:
     names = image_names(definition.images, job)
     values = _values(command, job, workspace, options)
     _link(workspace / definition.images.folder, _images(definition.images, job, names))
+    if uses_sequence(definition):
+        write_sequence(definition, job, workspace / "sequence")
     _write_lists(job, names, values)
     for file in definition.files:
         if _write_file(file, job, workspace, names, values, definition.boolean_words):
@@ -93,6 +96,7 @@ def _values(
     definition, sequence = command.definition, job.images.sequence
     inputs = job.workspace / "inputs"
     values: dict[str, Value] = {
+        "sequence": workspace / "sequence",
         **command.parameters,
         **{f"option:{name}": value for name, value in options.items()},
         "workspace": workspace,

@@ -10,9 +10,11 @@ from gtf_tune.pipelines.command.definition import TIME_FIELDS, templates_of
 from gtf_tune.pipelines.command.inputs import RunInputs, prepare
 from gtf_tune.pipelines.command.output import read_output
 from gtf_tune.pipelines.command.resolution import ResolvedCommand, resolve
+from gtf_tune.pipelines.command.sequence_folder import sequence_key
 from gtf_tune.pipelines.command.steps import StepRun
 from gtf_tune.pipelines.command.templates import fields_of
 from gtf_tune.pipelines.options import OptionTable
+from gtf_tune.sequence import Sequence
 
 PLACEHOLDERS = "placeholders.txt"
 """File in the workspace of a run that says what each placeholder stood for."""
@@ -43,6 +45,10 @@ class CommandPipeline:
     def channels(self) -> Literal[1, 3]:
         """Return 3 where the definition asks for colour images, 1 for grey ones."""
         return self.command.definition.images.channels
+
+    def sequence_key(self, sequence: Sequence) -> str | None:
+        """Return the digest of the files beside the images that results depend on, ``None`` where there are none."""
+        return sequence_key(self.command.definition, sequence)
 
     @property
     def takes_several_cameras(self) -> bool:

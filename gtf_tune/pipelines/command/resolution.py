@@ -10,7 +10,12 @@ from typing import Any
 from gtf_tune.errors import DefinitionError, did_you_mean, numbered
 from gtf_tune.input_files import parse_toml, read_input_text
 from gtf_tune.pipelines.command.checks import read_command
-from gtf_tune.pipelines.command.definition import CommandDefinition, ParameterDefinition, words_of
+from gtf_tune.pipelines.command.definition import (
+    CommandDefinition,
+    ParameterDefinition,
+    SequenceFilesDefinition,
+    words_of,
+)
 from gtf_tune.pipelines.command.file_defaults import with_file_defaults
 from gtf_tune.pipelines.command.places import RELATIVE_TO, Places, places_of
 from gtf_tune.pipelines.command.preset_files import load_preset, preset_names
@@ -190,6 +195,8 @@ def _identity(
         del dumped["output"]["duplicates"]
     if written.images.channels == 1:
         del dumped["images"]["channels"]
+    if written.sequence_files == SequenceFilesDefinition():
+        del dumped["sequence_files"]
     for step in dumped["steps"]:  # likewise; with several cameras the runs have keys of their own
         del step["each_camera"]
     return {"definition": dumped, "values": values, "files": files}

@@ -23,6 +23,7 @@ from gtf_tune.pipelines.command.definition import (
 from gtf_tune.pipelines.command.inputs import RunInputs
 from gtf_tune.pipelines.command.process import check_exit, run_program
 from gtf_tune.pipelines.command.resolution import ResolvedCommand
+from gtf_tune.pipelines.command.sequence_folder import sequence_key
 from gtf_tune.pipelines.command.templates import Value, fields_of, filled, filled_arguments
 from gtf_tune.pipelines.options import OptionValue
 from gtf_tune.pipelines.run import digest
@@ -71,6 +72,7 @@ class StepRun:
     def _key(self, step: StepDefinition, previous: str) -> str:
         """Return the key of a cached step: all that its results and those of the steps before it depend on."""
         options = self.command.definition.options
+        beside = sequence_key(self.command.definition, self.job.images.sequence)
         reads_times = any(self._reads(name, step) for name in TIME_FIELDS)
         times = [frame.timestamp for frame in self.job.images.sequence.frames]
         mine = {name: value for name, value in self.inputs.options.items() if options[name].step in ("", step.name)}
@@ -83,6 +85,7 @@ class StepRun:
                 "seed": self.job.seed if self._reads("seed", step) else None,
                 "threads": self.job.threads,
                 **({"times": times} if reads_times else {}),
+                **({"sequence": beside} if beside else {}),
             }
         )
 
