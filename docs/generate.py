@@ -7,7 +7,8 @@
 
 Whole pages: commands.md (from ``--help``) and definition-reference.md (from the models of a study definition).
 Blocks between ``<!-- generated: NAME -->`` and ``<!-- end -->`` in pages written by hand: data-set layouts, numbers of
-options. Figures: images/demo.svg from data/demo.json, images/before-after.svg from data/before_after.json.
+options. Figures: images/demo.svg from data/demo.json, images/before-after.svg from data/before_after.json,
+images/terminal.svg from data/terminal.json.
 """
 
 import json
@@ -26,6 +27,7 @@ from figure import draw_sweep
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
+from terminal import draw_terminal
 
 from gtf_tune.cli.main import app
 from gtf_tune.definition import (
@@ -91,6 +93,7 @@ def generated(docs: Path) -> dict[Path, str]:
         docs / "definition-reference.md": definition_page(tomllib.loads(_read(docs / "data" / "fields.toml"))),
         docs / "images" / "demo.svg": draw_sweep(json.loads(_read(docs / "data" / "demo.json"))["trials"]),
         docs / "images" / "before-after.svg": draw_before_after(json.loads(_read(docs / "data" / "before_after.json"))),
+        docs / "images" / "terminal.svg": draw_terminal(json.loads(_read(docs / "data" / "terminal.json"))),
     }
     blocks = {
         "layouts": layout_block,

@@ -1,6 +1,7 @@
 """Format numbers and scores for people; what is not known becomes a dash."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from gtf_tune.definition import GtfDefinition, StudyDefinition
@@ -112,6 +113,13 @@ class ScoreUnit:
     def shown(self, stored: float | None) -> float:
         """Return a stored value in the shown unit; NaN where there is none."""
         return float("nan") if stored is None else stored * self.factor
+
+
+def short_names(names: Iterable[str]) -> list[str]:
+    """Return the last part of each dotted path, or the whole path where the last part is not unique."""
+    paths = list(names)
+    last = [path.rpartition(".")[2] for path in paths]
+    return [short if last.count(short) == 1 else path for short, path in zip(last, paths, strict=True)]
 
 
 def sequence_unit(gtf: GtfDefinition) -> ScoreUnit:

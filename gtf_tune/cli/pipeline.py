@@ -48,7 +48,9 @@ def options(
     Example: gtf-tune pipeline options glomap --grep reproj
     """
     from gtf_tune.pipelines import create_pipeline, option_text
+    from gtf_tune.pipelines.preset_spaces import searched_options
 
+    searched = searched_options(name)
     specs = [
         spec
         for spec in create_pipeline(name, parse_pairs(setting, "--setting")).options.specs.values()
@@ -63,6 +65,7 @@ def options(
                     "default": spec.default,
                     "choices": list(spec.choices),
                     "documentation": spec.documentation,
+                    "tier": searched[spec.name].tier if spec.name in searched else None,
                 }
                 for spec in specs
             ]
@@ -73,6 +76,9 @@ def options(
         write_line(f"{spec.name} = {option_text(spec.default)}  [{spec.kind}]{allowed}")
         if spec.documentation:
             write_line(f"    {' '.join(spec.documentation.split())}")
+        if spec.name in searched:
+            found = searched[spec.name]
+            write_line(f"    recommended to search: {_axis_text(found.axis)} (tier {found.tier})")
     say(f"{len(specs)} options of {name}" + (f" with '{grep}'" if grep else ""))
 
 

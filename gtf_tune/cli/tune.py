@@ -26,8 +26,9 @@ from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, duration, say, 
 from gtf_tune.cli.values import parse_pairs, split_pairs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
+    from gtf_tune.pipelines import OptionValue
     from gtf_tune.store.database import Database
     from gtf_tune.study.events import Callback, Event
     from gtf_tune.study.open_study import OpenStudy
@@ -99,7 +100,7 @@ def tune(
             from gtf_tune.study.check_options import tuned_like
 
             request = tuned_like(database, like, request)
-        folder = output or given.absolute().with_name(f"{given.stem}-tuned")
+        folder = output or _outcome_of(given)
         check_output(folder)
         tuning = _begin(database, request, (folder, ends), cache_dir, new=new)
         if tuning is None:
@@ -110,7 +111,8 @@ def tune(
         _hand_over(study, found, folder, ends)
         _report(database, tuning.name, folder)
         write_line("")
-        write_line(found.text)
+        for line in (*_verdict(found, study.space.nominal), found.text):
+            write_line(line)
         if found.decision == NOTHING_FEASIBLE and tuning.plan.reduction != Reduction():
             write_line("The search used fewer or smaller images for want of time; give more minutes for all of them.")
         write_line(f"{folder}: models, scripts that make them, trajectory, report; README.txt says what is what")
@@ -160,6 +162,12 @@ def _tune_through(
     say(f"write: about {duration(pace.left_s)} left")
     shown.bring_up_to_date()
     return found
+
+
+def _outcome_of(source: Path) -> Path:
+    """Return the folder beside a source that gets the outcome by default."""
+    named = source if source.name not in ("", "..") else source.resolve()
+    return named.with_name(f"{named.stem}-tuned")
 
 
 def _frames_of(video: Path) -> Path:
@@ -280,6 +288,23 @@ def _say_first_verdict(study: "OpenStudy", announce: "Callable[[str], None]", ev
     first = len(study.definition.search.first)
     if first and isinstance(event, TrialFinished) and event.number == first:
         announce(f"first verdict: {recommend(study.database, study.record).text}")
+
+
+def _verdict(found: "Recommendation", nominal: "Mapping[str, OptionValue]") -> tuple[str, ...]:
+    """Return in one sentence which options to take instead of nominal, and what they gain; nothing to keep nominal."""
+    from gtf_tune.pipelines.options import option_text
+    from gtf_tune.study.outcome.recommendation import UNCONFIRMED
+    from gtf_tune.study.outcome.verdict import ADOPT
+
+    if found.decision not in (ADOPT, UNCONFIRMED) or found.trial is None:
+        return ()
+    options = {name: value for name, value in (found.trial.options or {}).items() if value != nominal.get(name)}
+    named = ", ".join(f"{name} = {option_text(value, digits=4)}" for name, value in options.items())
+    better = found.improvement
+    less = f"the trajectory moves {100 * better.value:.0f} % less under noise"
+    if better.low == better.low:
+        less += f" (95 %: {100 * better.low:.0f} to {100 * better.high:.0f} %)"
+    return (f"{'Adopt' if found.decision == ADOPT else 'Not confirmed yet:'} {named}: {less}.",)
 
 
 def _hand_over(study: "OpenStudy", found: "Recommendation", folder: Path, ends: float) -> None:

@@ -159,6 +159,12 @@ def preset_space(pipeline: str) -> PresetSpace:
     )
 
 
+def searched_options(pipeline: str) -> dict[str, PresetOption]:
+    """Return the options that the preset of a pipeline searches, by name; none where it has no preset."""
+    options = preset_space(pipeline).options if pipeline in preset_pipelines() else ()
+    return {option.name: option for option in options}
+
+
 def preset_search(
     pipeline: str, space: Collection[str], section: Mapping[str, Any] = MappingProxyType({})
 ) -> dict[str, Any]:

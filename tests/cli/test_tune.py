@@ -1,12 +1,17 @@
 """One command goes from images to an outcome, and goes on where it stopped."""
 
 import json
+import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from gtf_tune.cli.tune import _verdict
+from gtf_tune.study.outcome.improvement import Improvement
 from gtf_tune.study.tune import start
 from gtf_tune.study.tune.choice import TooLittleTime
 from gtf_tune.study.tune.pace import Pace
@@ -52,6 +57,21 @@ def test_tune_goes_from_a_definition_to_options_trajectories_and_a_report(cli: C
     assert phases == sorted(phases)
     best = json.loads(cli("study", "best", "slam", "--json").out)
     assert best["headline"] in done.out
+
+
+@pytest.mark.parametrize(
+    ("decision", "low", "said"),
+    [
+        ("adopt", 0.367, ("Adopt a.b = 0.1: the trajectory moves 51 % less under noise (95 %: 37 to 62 %).",)),
+        ("unconfirmed", math.nan, ("Not confirmed yet: a.b = 0.1: the trajectory moves 51 % less under noise.",)),
+        ("keep nominal", 0.367, ()),
+    ],
+)
+def test_the_verdict_names_what_to_change_and_what_it_gains(decision: str, low: float, said: tuple[str, ...]) -> None:
+    trial = SimpleNamespace(options={"a.b": 0.1, "c": 3})
+    found: Any = SimpleNamespace(decision=decision, trial=trial, improvement=Improvement(0.509, low, 0.619, 7))
+
+    assert _verdict(found, {"a.b": 1.0, "c": 3}) == said
 
 
 def test_calling_tune_again_goes_on_and_new_begins_another_study(cli: Cli, slam: Path) -> None:

@@ -6,7 +6,7 @@ from pydantic import TypeAdapter
 from gtf_tune.definition import Axis
 from gtf_tune.errors import DefinitionError
 from gtf_tune.pipelines import create_pipeline
-from gtf_tune.pipelines.preset_spaces import preset_pipelines, preset_space
+from gtf_tune.pipelines.preset_spaces import preset_pipelines, preset_space, searched_options
 from gtf_tune.study.search.space import space_faults
 
 EVERYTHING = 3
@@ -61,6 +61,14 @@ def test_the_view_graph_is_searched_only_where_it_gives_the_focal_lengths() -> N
 
     assert {name.partition(".")[0] for name in unknown - known} == {"view_graph"}
     assert not space.depends_on_intrinsics(space.tier("mapping"))
+
+
+def test_recommended_options_are_those_of_the_preset() -> None:
+    searched = searched_options("glomap")
+
+    assert searched["mapper.max_normalized_reproj_error"].tier == 1
+    assert searched.keys() == preset_space("glomap").axes(EVERYTHING, unknown_intrinsics=True).keys()
+    assert searched_options("analytic") == {}
 
 
 def test_a_pipeline_without_a_preset_is_one_sentence() -> None:

@@ -130,28 +130,24 @@ def _noise(definition: "StudyDefinition", study: "Study") -> str:
 def _write_trials(
     chosen: list["Trial"], truth: TrueErrors, unit: "ScoreUnit", names: list[str], recommended: int | None
 ) -> None:
+    from gtf_tune.display import short_names
+
     fragile = any(trial.collapsed_rate for trial in chosen)  # the column costs width, and is 0 % in most studies
     columns = [">trial", f">{unit.name} [{unit.short}]", ">± se", *truth.columns, ">coverage"]
     columns += [">collapsed"] if fragile else []
-    columns += [f">{name}" for name in _short_names(names)] if len(names) <= _OPTION_COLUMNS else ["options"]
+    columns += [f">{name}" for name in short_names(names)] if len(names) <= _OPTION_COLUMNS else ["options"]
     rows = []
     for trial in chosen:
         row = [_name(trial, recommended), _score(trial, unit), unit.text(trial.standard_error)]
         row += truth.cells(trial.number)
         row += [_share(trial.coverage), *([_share(trial.collapsed_rate)] if fragile else [])]
         values = [_value((trial.options or {}).get(name)) for name in names]
-        pairs = zip(_short_names(names), values, strict=True)
+        pairs = zip(short_names(names), values, strict=True)
         row += values if len(names) <= _OPTION_COLUMNS else [", ".join(f"{name}={value}" for name, value in pairs)]
         rows.append(row)
     write_table(columns, rows)
     if any(trial.state == "pruned" for trial in chosen):
         write_line(STOPPED_EARLY)
-
-
-def _short_names(names: list[str]) -> list[str]:
-    """Return the last part of each dotted path, or the whole path where the last part is not unique."""
-    last = [name.rsplit(".", 1)[-1] for name in names]
-    return [short if last.count(short) == 1 else name for short, name in zip(last, names, strict=True)]
 
 
 def _name(trial: "Trial", recommended: int | None) -> str:

@@ -131,11 +131,13 @@ class StudyProgress:
 
 def trial_line(event: TrialFinished, unit: "ScoreUnit") -> str:
     """Return what a trial found in one line, its score in ``unit``."""
+    from gtf_tune.display import short_names
     from gtf_tune.pipelines.options import option_text
 
     result = event.result
     name = "nominal" if event.number == 0 else f"trial {event.number}"
-    options = ", ".join(f"{option}={option_text(value, digits=4)}" for option, value in event.options.items())
+    values = [option_text(value, digits=4) for value in event.options.values()]
+    options = ", ".join(f"{option}={text}" for option, text in zip(short_names(event.options), values, strict=True))
     if result.value is None or not result.feasible:
         return f"{name} ({options}): infeasible, {result.message}"
     if result.state == "pruned":

@@ -103,8 +103,8 @@ class Estimate:
 
     @property
     def reductions(self) -> tuple[Reduction, ...]:
-        """Return the reductions that leave different images, the weakest first."""
-        return tuple({self.shown(reduction): reduction for reduction in reversed(REDUCTIONS)}.values())[::-1]
+        """Return the reductions that leave different images, the weakest first; of equal ones the strongest."""
+        return tuple({self.shown(reduction): reduction for reduction in REDUCTIONS}.values())
 
     def stored(self, reduction: Reduction) -> int:
         """Return how many runs of the nominal trial there are stored already."""

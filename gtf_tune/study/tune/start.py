@@ -11,7 +11,13 @@ from typing import Any, Literal
 from gtf_tune.definition import SequenceDefinition, StudyDefinition
 from gtf_tune.definition.model import name_from
 from gtf_tune.pipelines import create_pipeline
-from gtf_tune.pipelines.preset_spaces import DEFAULT_TIER, preset_pipelines, preset_search, preset_space
+from gtf_tune.pipelines.preset_spaces import (
+    DEFAULT_TIER,
+    preset_pipelines,
+    preset_search,
+    preset_space,
+    searched_options,
+)
 from gtf_tune.sequence import Sequence
 from gtf_tune.store import studies
 from gtf_tune.store.database import Database
@@ -228,8 +234,7 @@ def _margins(definition: StudyDefinition) -> dict[str, dict[str, float]]:
 
 
 def _in_pixels(pipeline: str) -> frozenset[str]:
-    options = preset_space(pipeline).options if pipeline in preset_pipelines() else ()
-    return frozenset(option.name for option in options if option.unit == "pixels")
+    return frozenset(name for name, option in searched_options(pipeline).items() if option.unit == "pixels")
 
 
 def _definition(request: TuneRequest, name: str) -> StudyDefinition:

@@ -72,6 +72,16 @@ def said(found: Estimate) -> str:
     return " ".join(found.means.source.said)  # type: ignore[attr-defined]
 
 
+def test_reductions_that_leave_the_same_images_are_one_and_that_is_timed_first(
+    made: Callable[..., Estimate], tmp_path: Path
+) -> None:
+    found = made(minutes=30, model_s=300.0)
+    found.definition.sequences[0] = found.definition.sequences[0].model_copy(update={"stride": 2})
+
+    assert [len(found.sequence(reduction)) for reduction in REDUCTIONS] == [12, 12, 12, 12]
+    assert found.reductions == (REDUCTIONS[3],)
+
+
 def test_models_are_made_of_all_images_where_that_takes_a_small_part_of_the_time(made: Callable[..., Estimate]) -> None:
     given, full = made(minutes=30, model_s=300.0).models()
 
