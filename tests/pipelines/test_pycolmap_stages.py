@@ -113,6 +113,19 @@ def test_glomap_and_colmap_share_their_first_stages(scene: Sequence, kept_stages
     assert kept_stages.built == built
 
 
+def test_images_of_a_noisy_copy_are_not_kept(scene: Sequence, tmp_path: Path) -> None:
+    case, stages = ContractCase(create_pipeline("glomap"), scene), FolderStages(tmp_path / "stages")
+    stages.folder.mkdir()
+    job = replace(case.job(tmp_path / "run", stages, {}), images=ImageSource(scene, sigma=2.0))
+
+    case.pipeline.run(job)
+
+    kept = {path.suffix for path in stages.folder.rglob("*") if path.is_file()}
+    assert {"features", "matches"} <= {stage for stage, _ in stages.built}
+    assert ".pgm" not in kept
+    assert not list((tmp_path / "run").rglob("*.pgm"))
+
+
 def test_stages_hold_what_the_next_one_needs_and_no_more(
     scene: Sequence, kept_stages: FolderStages, tmp_path: Path
 ) -> None:

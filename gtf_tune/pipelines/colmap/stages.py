@@ -187,10 +187,9 @@ class StagedRun:
         return self.reach("matches", self.matches_key, self._build_matches) / DATABASE
 
     def _build_features(self, folder: Path) -> None:
-        images = self.reach("images", self.job.images.key, self.job.images.write)
         sequence = self.job.images.sequence
         named = list(zip(sequence.taken_by, self.job.images.names, strict=True))
-        with self._device() as device:
+        with self._images() as images, self._device() as device:
             for number, camera in enumerate(sequence.cameras):  # a call makes one camera, and adds to the database
                 pycolmap.extract_features(
                     folder / DATABASE,
@@ -202,6 +201,18 @@ class StagedRun:
                     device=device,
                 )
         make_plain(folder / DATABASE)
+
+    @contextlib.contextmanager
+    def _images(self) -> Iterator[Path]:
+        """Yield the folder of the images; those of a noisy copy, a third of the cache, exist for this step only."""
+        images = self.job.images
+        if not images.sigma:
+            yield self.reach("images", images.key, images.write)
+            return
+        with tempfile.TemporaryDirectory(dir=self.job.workspace) as folder:
+            with self.clock.timing("images"), stage_errors("images"):
+                images.write(Path(folder))
+            yield Path(folder)
 
     def _reader_options(self, camera: SequenceCamera) -> Any:
         options = pycolmap.ImageReaderOptions()
