@@ -9,6 +9,7 @@ from benchmarks.bare_study import Step, define, search
 from benchmarks.page import Result, render
 from benchmarks.search_runs import CASES, arrival
 from benchmarks.section import Aim, Section, as_text
+from benchmarks.verdict_price import Stages
 
 MACHINE = {
     "processor": "a processor, 2 cores",
@@ -79,3 +80,11 @@ def test_a_bare_study_spends_what_its_budget_allows() -> None:
     assert [step.runs for step in steps] == sorted(step.runs for step in steps)
     assert 30 < steps[-1].runs <= 40
     assert steps[-1].true_error < steps[0].true_error
+
+
+def test_configurations_share_the_images_of_a_copy_and_its_verification() -> None:
+    stages = Stages(front=8.0, middle=2.0, mapping=1.0)
+
+    assert stages.price((1, 0), 1) == 1.0
+    assert stages.price((2, 3), 5) == (4 * 8 + 5 * (2 + 5)) / 11
+    assert stages.price((2, 3), 5, clean_images=False) == (3 * 8 + 5 * (2 + 5)) / 11
