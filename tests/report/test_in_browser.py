@@ -16,6 +16,7 @@ from gtf_tune.report.dashboard.server import DashboardServer
 from gtf_tune.report.dashboard.sync import DashboardSync
 from gtf_tune.report.definition import ReportDefinition
 from gtf_tune.store.database import Database
+from tests.report.test_models import cloud
 
 QUIET = [
     "--headless=new",
@@ -59,7 +60,7 @@ def chromium() -> str:
 
 def content(chromium: str, folder: Path, url: str, *flags: str, width: int = 1400) -> str:
     """Load a page, let its scripts run and return its content then."""
-    command = [chromium, *QUIET, *flags, f"--user-data-dir={folder / 'profile'}", f"--window-size={width},12000"]
+    command = [chromium, *QUIET, *flags, f"--user-data-dir={folder / 'profile'}", f"--window-size={width},16000"]
     command += ["--virtual-time-budget=20000", "--dump-dom", url]
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
 
@@ -92,7 +93,8 @@ def shown(
     width, flags = request.param
     folder = tmp_path_factory.mktemp("report")
     path = folder / "report.html"
-    write_report(path, database, "synthetic", ReportDefinition(), Extras({"options.json": "{}"}))
+    extras = Extras({"options.json": "{}"}, {"nominal options": cloud(), "adopted options": cloud()})
+    write_report(path, database, "synthetic", ReportDefinition(), extras)
     if AXE.exists():
         script = f"<script>{AXE.read_text(encoding='utf-8')}\n{RUN_AXE}</script></body>"
         path.write_text(path.read_text(encoding="utf-8").replace("</body>", script), encoding="utf-8")
@@ -101,7 +103,7 @@ def shown(
 
 def test_every_figure_of_the_report_is_drawn(shown: str) -> None:
     plots = shown.count("data-spec=")
-    assert plots >= 14
+    assert plots >= 16
     assert shown.count('data-drawn="yes"') == plots
     assert len(re.findall(r'<svg class="main-svg"', shown)) >= plots
     assert "best so far: 0.002" in shown
