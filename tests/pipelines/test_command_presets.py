@@ -130,6 +130,27 @@ EXPECTED = {
         MODEL,
         COLMAP_OPTIONS,
     ),
+    "colmap-4-global": Expected(
+        {"colmap": "T/program"},
+        colmap("FeatureExtraction", "FeatureMatching", "default_random_seed", " --TwoViewGeometry.random_seed 7")
+        .replace("TWO.max_error 2.0", "FeatureMatching.type ALIKED_LIGHTGLUE --TwoViewGeometry.max_error 2.0")
+        .replace(
+            "--FeatureExtraction.num_threads 1", "--FeatureExtraction.num_threads 1 --FeatureExtraction.type ALIKED_N32"
+        )
+        .split("\nmapper")[0]
+        + """
+view_graph_calibrator --database_path S/database.db --default_random_seed 7
+global_mapper --database_path S/database.db --image_path W/images --output_path W/sparse --GlobalMapper.num_threads 1
+ --GlobalMapper.random_seed 7 --GlobalMapper.gp_use_gpu 0 --GlobalMapper.ba_ceres_use_gpu 0
+ --GlobalMapper.max_normalized_reproj_error 0.001""",
+        MODEL,
+        {
+            "FeatureExtraction.type": "ALIKED_N32",
+            "FeatureMatching.type": "ALIKED_LIGHTGLUE",
+            "TwoViewGeometry.max_error": 2.0,
+            "GlobalMapper.max_normalized_reproj_error": 0.001,
+        },
+    ),
     "glomap": Expected(
         {"colmap": "T/program", "glomap": "T/program"},
         colmap("SiftExtraction", "SiftMatching", "random_seed").replace("TWO", "TwoViewGeometry").split("\nmapper")[0]
@@ -335,7 +356,25 @@ def test_the_preset_of_colmap_4_has_pycolmaps_defaults_but_for_two_that_early_ve
     assert defaults == {name: pycolmaps[name] for name in defaults} | iterations
 
 
-@pytest.mark.parametrize("name", ["colmap-3.8", "colmap-3.9", "colmap-4", "glomap"])
+def test_the_global_preset_of_colmap_4_has_pycolmaps_defaults() -> None:
+    specs = create_pipeline("glomap", {}).options.specs
+    pycolmaps = {flag_of("glomap", name): spec.default for name, spec in specs.items()}
+    learned = {
+        "FeatureExtraction.type": "SIFT",
+        "FeatureMatching.type": "SIFT_BRUTEFORCE",
+        "AlikedExtraction.max_num_features": 2048,
+        "AlikedExtraction.min_score": 0.2,
+        "AlikedMatching.lightglue_min_score": 0.1,
+        "SiftMatching.lightglue_min_score": 0.1,
+    }
+
+    defaults = {name: option["default"] for name, option in load_preset("colmap-4-global")["options"].items()}
+
+    assert len(defaults) > 60
+    assert defaults == {name: pycolmaps[name] for name in defaults if name not in learned} | learned
+
+
+@pytest.mark.parametrize("name", ["colmap-3.8", "colmap-3.9", "colmap-4", "colmap-4-global", "glomap"])
 def test_colmap_detects_loops_with_a_vocabulary_tree(name: str, frames: Sequence, tmp_path: Path) -> None:
     tree = tmp_path / "tree.bin"
     tree.write_text("tree")
