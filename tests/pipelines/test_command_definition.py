@@ -109,6 +109,27 @@ def test_an_option_of_one_step_may_not_be_read_by_another_when_steps_are_cached(
     assert "read outside step 'a'" in faults({"steps": steps, "options": {"x": {"default": 1, "step": "a"}}})
 
 
+def of_one_step(readers: str, step: str = "a") -> dict[str, Any]:
+    words = {name: [*PROGRAM, *(["{settings_file:s}"] if name in readers else [])] for name in "ab"}
+    return {
+        "steps": [{"name": name, "cached": name == "a", "arguments": words[name]} for name in "ab"],
+        "settings_files": [{"name": "s", "template": "/nowhere/s.yaml", "path": "s.yaml", "step": step}],
+        "options": {"x": {"default": 1, "step": "a", "key": "x", "file": "s"}},
+    }
+
+
+@pytest.mark.parametrize(
+    ("readers", "step", "fault"),
+    [
+        ("ab", "a", "settings file 's' is of step 'a' but also read by step 'b'"),
+        ("a", "c", "settings file 's': there is no step 'c'"),
+        ("a", "", "option 'x' is read outside step 'a'"),
+    ],
+)
+def test_a_settings_file_of_one_step_is_read_by_no_other(readers: str, step: str, fault: str) -> None:
+    assert fault in faults(of_one_step(readers, step))
+
+
 def test_options_are_checked_like_those_of_every_pipeline() -> None:
     pipeline = create(
         {

@@ -61,6 +61,7 @@ def _faults(definition: CommandDefinition) -> Iterator[str]:
     template_faults = list(_template_faults(definition))
     yield from template_faults
     if not template_faults:
+        yield from _settings_file_faults(definition)
         yield from _option_faults(definition)
 
 
@@ -149,10 +150,29 @@ def _option_faults(definition: CommandDefinition) -> Iterator[str]:
             yield f"option '{name}': its key belongs to no settings file; name one as 'file'"
         elif not option.key and name not in readers and not (listing & {option.step} if option.step else listing):
             yield f"option '{name}' reaches no program: write {{options}} or {{option:{name}}}, or give its key"
-        read_by = readers.get(name, set()) | ({""} if option.key else set())
+        read_by = readers.get(name, set()) | ({_step_of_file(definition, option.file)} if option.key else set())
         if option.step and cached and read_by - {option.step}:
             yield f"option '{name}' is read outside step '{option.step}', so it can belong to no single step"
         yield from _value_faults(name, option)
+
+
+def _step_of_file(definition: CommandDefinition, name: str) -> str:
+    """Return the only step that reads a settings file, or nothing where all may."""
+    return next((file.step for file in definition.settings_files if name in ("", file.name)), "")
+
+
+def _settings_file_faults(definition: CommandDefinition) -> Iterator[str]:
+    """Say which settings files of one step are read elsewhere."""
+    readers: dict[str, set[str]] = {}
+    for place, template, _ in templates_of(definition):
+        for name, detail in fields_of(template):
+            if name == "settings_file":
+                readers.setdefault(detail or definition.settings_files[0].name, set()).add(place)
+    for file in definition.settings_files:
+        if file.step and file.step not in {step.name for step in definition.all_steps}:
+            yield f"settings file '{file.name}': there is no step '{file.step}'"
+        elif file.step and (others := readers.get(file.name, set()) - {f"step '{file.step}'"}):
+            yield f"settings file '{file.name}' is of step '{file.step}' but also read by {', '.join(sorted(others))}"
 
 
 def _readers(definition: CommandDefinition) -> dict[str, set[str]]:

@@ -141,13 +141,15 @@ class FileDefinition(Section):
 class SettingsFileDefinition(Section):
     """Describe a copy of a settings file into which options and other values are written by dotted path.
 
-    ``values`` whose placeholders have no value (a camera that nobody knows) stay as they are in the template.
+    ``values`` whose placeholders have no value (a camera that nobody knows) stay as they are in the template. A file
+    that only one ``step`` reads may hold options of that step, so that a cached one depends on its own options alone.
     """
 
     name: str = "settings"
     template: str
     format: str = ""
     path: str = ""
+    step: str = ""
     values: dict[str, Scalar] = Field(default_factory=dict)
     add_missing: bool = False
 

@@ -197,6 +197,9 @@ def _identity(
         del dumped["images"]["channels"]
     if written.sequence_files == SequenceFilesDefinition():
         del dumped["sequence_files"]
+    for file in dumped["settings_files"]:
+        if not file["step"]:
+            del file["step"]
     for step in dumped["steps"]:  # likewise; with several cameras the runs have keys of their own
         del step["each_camera"]
     return {"definition": dumped, "values": values, "files": files}
