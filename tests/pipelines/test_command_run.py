@@ -294,47 +294,6 @@ def test_cached_steps_run_again_only_where_something_changed(
     assert ran(4, {"first_size": 5, "third_size": 4}) == (["third"], 10)
 
 
-def test_a_cached_step_does_not_depend_on_options_in_a_settings_file_of_another(
-    frames: Sequence, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "template.yaml").write_text("size: 1\n")
-    code = """
-import sys
-step, settings, output = sys.argv[1:]
-print("ran", step, open(settings).read().strip())
-open(output, "w").write("0 0 0 0 0 0 0 1\\n")
-"""
-    program = script(tmp_path, code)
-    names = ("match", "map")
-    pipeline = create(
-        {
-            "steps": [
-                {
-                    "name": name,
-                    "cached": name == "match",
-                    "arguments": [*PYTHON, program, name, f"{{settings_file:{name}}}", "{output}"],
-                }
-                for name in names
-            ],
-            "settings_files": [
-                {"name": name, "template": str(tmp_path / "template.yaml"), "path": f"{name}.yaml", "step": name}
-                for name in names
-            ],
-            "options": {f"{n}_size": {"default": 1, "step": n, "key": "size", "file": n} for n in names},
-            "output": {"association": "index"},
-        }
-    )
-    case, stages = ContractCase(pipeline, frames), FolderStages(tmp_path / "stages")
-
-    def ran(number: int, options: Mapping[str, int]) -> list[str]:
-        case.run(tmp_path / f"run{number}", stages, options)
-        return [line[4:] for line in capfd.readouterr().out.splitlines() if line.startswith("ran ")]
-
-    assert ran(0, {}) == ["match size: 1", "map size: 1"]
-    assert ran(1, {"map_size": 5}) == ["map size: 5"]
-    assert ran(2, {"match_size": 5}) == ["match size: 5", "map size: 1"]
-
-
 def test_a_failing_step_is_named(frames: Sequence, tmp_path: Path) -> None:
     fails = script(tmp_path, "raise SystemExit('no matches')")
     pipeline = create({"steps": [{"name": "match", "arguments": [*PYTHON, fails]}]})
