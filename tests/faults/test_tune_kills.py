@@ -95,6 +95,7 @@ def prepare(folder: Path, definition: str) -> Path:
     if definition.startswith(ANALYTIC):
         write_sequence(folder / "room", ground_truth=False)
     else:
+        (folder / "room").mkdir()
         make_scene(folder / "room", frames=8)
     (folder / "slam.toml").write_text(definition.replace("[search]", "[search]\ntrials = 3"))
     return folder

@@ -103,8 +103,11 @@ class Estimate:
 
     @property
     def reductions(self) -> tuple[Reduction, ...]:
-        """Return the reductions that leave different images, the weakest first; of equal ones the strongest."""
-        return tuple({self.shown(reduction): reduction for reduction in REDUCTIONS}.values())
+        """Return the reductions that leave different images, the weakest first; of equal ones the weakest."""
+        found: dict[str, Reduction] = {}
+        for reduction in REDUCTIONS:
+            found.setdefault(self.shown(reduction), reduction)
+        return tuple(found.values())
 
     def stored(self, reduction: Reduction) -> int:
         """Return how many runs of the nominal trial there are stored already."""
@@ -207,7 +210,7 @@ class Estimate:
 
     def _pilot(self) -> Reduction:
         """Return the strongest reduction on which nominal works, with its price measured."""
-        for reduction in reversed(REDUCTIONS):
+        for reduction in reversed(self.reductions):
             try:
                 self.measured(reduction)
             except RunError:
