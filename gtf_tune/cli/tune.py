@@ -80,13 +80,14 @@ def tune(
 
     Example: gtf-tune tune photos/ --minutes 30
     """
+    ends = time.monotonic() + 60 * minutes
+    say(f"inspect: {source}")  # before imports and a new storage, which take seconds
     from gtf_tune.study.open_study import open_study
     from gtf_tune.study.outcome.recommendation import NOTHING_FEASIBLE
     from gtf_tune.study.runs.plan import kept_runs
     from gtf_tune.study.tune.budget import Reduction
     from gtf_tune.study.tune.handover import check_output, makes_models
 
-    ends = time.monotonic() + 60 * minutes
     hush_optuna()
     given = source
     if source.suffix.lower() in VIDEOS:
@@ -236,7 +237,6 @@ def _begin(
     if known is not None:
         say(f"going on with study '{known.name}'; --new begins another one")
         return known
-    say(f"inspect: reading {request.source}")
     stop, minutes = StopRequest(), f"{round(request.minutes, 1):g} minutes"
     clock = StopRequest(stop)
 
