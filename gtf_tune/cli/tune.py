@@ -106,7 +106,6 @@ def tune(
         tuning = _begin(database, request, (folder, ends), cache_dir, new=new)
         if tuning is None:
             return
-        _say_plan(tuning.plan)
         study = open_study(database, tuning.name)
         found = _tune_through(study, tuning, request, cache_dir, ends)
         _hand_over(study, found, folder, ends)
@@ -147,7 +146,6 @@ def _tune_through(
     from gtf_tune.study.tune.phases import Means, pace_of, tune_through
 
     pace = pace_of(study, tuning.plan, request.jobs, ends - time.monotonic())
-    say(f"search: {study.budget} trials, about {duration(tuning.plan.search_s)}")
     stop, shown = StopRequest(), DashboardSync(study.database, study.definition.name, warn=say)
     progress = TuneProgress(pace, definition_unit(study.definition))
     callbacks: list[Callback] = [progress.on_event, shown.on_event, partial(_say_first_verdict, study, progress.say)]
@@ -267,6 +265,7 @@ def _begin(
         say(f"it took {duration(60 * request.minutes - left_s())}")
         return None
     say(f"created study '{tuning.name}'")
+    _say_plan(tuning.plan)
     return tuning
 
 

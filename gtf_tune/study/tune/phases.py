@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from gtf_tune.display import count, duration
 from gtf_tune.execution import Executor
 from gtf_tune.pipelines import OptionValue
 from gtf_tune.store import confirmations, runs, trials
@@ -104,6 +105,9 @@ def _search(study: OpenStudy, means: Means) -> None:
         return
     if pace.search_is_over:
         return
+    ahead = pace.ahead
+    trials_ahead = count(ahead.trials + (pace.done == 0), "trial")
+    means.announce(f"search: {trials_ahead}, about {duration(ahead.search_s)}")
 
     def watch(event: Event) -> None:
         _count(pace, event)
