@@ -182,8 +182,12 @@ class Disturbed:
             process.join(_WORK_PATIENCE_S)
             assert process.exitcode == 0, f"a worker ended with {process.exitcode}"
 
-    def check(self, undisturbed_digest: str) -> None:
-        """Check the digest, the budget, and that no run that was stored at some moment began again afterwards."""
+    def check(self, undisturbed_digest: str, repeats: int = 0) -> None:
+        """Check the digest, the budget, and that no run that was stored at some moment began again afterwards.
+
+        ``repeats`` of them may: a worker that was frozen until another one had taken its trial begins what it still has
+        in hand before it learns of that.
+        """
         database = open_database(self.storage)
         study = studies.get(database, NAME)
         found = study_digest(database, NAME)
@@ -193,10 +197,10 @@ class Disturbed:
         assert study.state == "done"
         assert set(counts) <= {"complete", "pruned"}
         assert optuna_trials == sum(counts.values())
-        begun = self.begun()
-        for position, known in self.witnessed:
-            assert not known & set(begun[position:]), "a finished run was executed again"
         assert found == undisturbed_digest
+        begun = self.begun()
+        again = {run for position, known in self.witnessed for run in known & set(begun[position:])}
+        assert len(again) <= repeats, f"{len(again)} finished runs were executed again"
 
 
 def _optuna_trials(database: Database) -> int:
