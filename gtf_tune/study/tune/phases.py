@@ -154,10 +154,16 @@ def _try(study: OpenStudy, means: Means, options: Mapping[str, OptionValue]) -> 
     waits = any(trial.state == "claimed" for trial in known)  # it would be run first
     if means.stop.level or (pace and (waits or not pace.may_shorten)):
         return None
-    number = enqueue(study.database, study.definition.name, options)
-    watch, stop = [lambda event: _count(pace, event)] if pace else [], StopRequest(means.stop)
+    number, stop = enqueue(study.database, study.definition.name, options), StopRequest(means.stop)
+
+    def watch(event: Event) -> None:
+        if pace:
+            _count(pace, event)
+        if isinstance(event, TrialFinished) and event.number == number:
+            stop.ask(FINISH_RUNS)  # a search that ended for want of time does not go on
+
     with stopped_in_time(stop, lambda: pace.work_left_s if pace else math.inf):
-        StudyWorker(study, means.executor, stop, [*watch, *means.callbacks]).work()
+        StudyWorker(study, means.executor, stop, [watch, *means.callbacks]).work()
     found = next(trial for trial in trials.of_study(study.database, study.record.id) if trial.number == number)
     return found if found.state == "complete" else None
 
