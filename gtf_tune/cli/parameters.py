@@ -79,8 +79,22 @@ _DASK = "dask://"
 default_jobs = defaults.default_jobs
 
 
-def make_executor(jobs: int, cache_dir: Path | None, address: str = "local", *, no_cache: bool = False) -> "Executor":
+Keep = Annotated[Path | None, typer.Option("--keep", metavar="DIR", help="New folder for the files of the runs.")]
+
+
+def new_folder(keep: Path) -> Path:
+    """Return the absolute path of a folder for files of runs, or raise `DefinitionError` where it holds something."""
+    if keep.is_dir() and any(keep.iterdir()):
+        raise DefinitionError(f"--keep {keep}: that folder is not empty; give a new one")
+    return keep.absolute()
+
+
+def make_executor(
+    jobs: int, cache_dir: Path | None, address: str = "local", *, no_cache: bool = False, keep: Path | None = None
+) -> "Executor":
     """Return an executor for this machine with the stage cache that the flags ask for, or one for a Dask cluster.
+
+    ``keep`` is where a local one leaves the files of its runs.
 
     Raises
     ------
@@ -101,7 +115,7 @@ def make_executor(jobs: int, cache_dir: Path | None, address: str = "local", *, 
         raise DefinitionError(f"--executor takes local or dask://HOST:PORT, not '{address}'")
     folder = private_cache_folder(cache_dir)
     stages = FreshStages() if no_cache else StageCache(folder)
-    return LocalExecutor(jobs, stages, scratch=folder / "scratch")
+    return LocalExecutor(jobs, stages, scratch=folder / "scratch", keep=new_folder(keep) if keep else None)
 
 
 _opened = ExitStack()

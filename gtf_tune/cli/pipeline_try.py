@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gtf_tune.cli.measure.runs import Options, Seed
-from gtf_tune.cli.parameters import Frames, Settings
+from gtf_tune.cli.parameters import Frames, Keep, Settings, new_folder
 from gtf_tune.cli.sequence_flags import (
     CameraFlag,
     CameraGrouping,
@@ -42,7 +42,7 @@ def try_pipeline(
     cameras: Cameras = CameraGrouping.auto,
     seed: Seed = 0,
     memory_gb: Annotated[float, typer.Option("--memory-gb", min=0.1, max=1e6, help="Memory that it may take.")] = 16,
-    keep: Annotated[Path | None, typer.Option("--keep", metavar="DIR", help="New folder for its files.")] = None,
+    keep: Keep = None,
 ) -> None:
     """Run a pipeline once and show everything that it does, to debug a definition.
 
@@ -58,7 +58,7 @@ def try_pipeline(
     pipeline, own = named_pipeline(definition, parse_pairs(setting, "--setting"))
     options = pipeline.options.check({**own, **parse_pairs(option, "--option")})
     loaded = load_as_asked(sequence, parse_selection(frames, exclude, recursive, cameras), camera)
-    folder = _new_folder(keep)
+    folder = new_folder(keep) if keep else Path(tempfile.mkdtemp(prefix="gtf-tune-try-"))
     request = RunRequest(pipeline, options, loaded, "clean", 0, noise_sigma=0.0, noise_seed=0, seed=seed)
     say(f"one clean run of {pipeline.name} on {len(loaded)} frames; its files stay in {folder}")
     outcome = run_watched(request, RunLimits(float("inf"), round(memory_gb * _GIB)), folder, _show)
@@ -66,14 +66,6 @@ def try_pipeline(
     write_pairs(_facts(outcome, loaded) | {"files": str(folder)})
     if outcome.status != "ok":
         raise RunError(f"{outcome.error}; its files are in {folder}")
-
-
-def _new_folder(keep: Path | None) -> Path:
-    if keep is None:
-        return Path(tempfile.mkdtemp(prefix="gtf-tune-try-"))
-    if keep.is_dir() and any(keep.iterdir()):
-        raise DefinitionError(f"--keep {keep}: that folder is not empty; give a new one")
-    return keep.absolute()
 
 
 def _show(text: str) -> None:

@@ -63,6 +63,8 @@ class LocalExecutor:
         What all runs together may take; by default what the machine has available now.
     retry_elsewhere
         Whether runs that failed for no known reason are tried again by the caller, on another host.
+    keep
+        Folder in which the files of ended runs stay: logs, workspaces, what programs were given and wrote.
     """
 
     def __init__(
@@ -73,7 +75,9 @@ class LocalExecutor:
         memory_bytes: int | None = None,
         *,
         retry_elsewhere: bool = False,
+        keep: Path | None = None,
     ) -> None:
+        self._keep = keep
         self._jobs = jobs
         self._stages = stages or FreshStages()
         self._scratch = Scratch(scratch or default_cache_folder() / "scratch")
@@ -206,8 +210,15 @@ class LocalExecutor:
             (self._workers.end if died else self._workers.give_back)(attempt.pool)
             self._close_attempt(item, outcome)
         finally:
-            attempt.paths.remove()
+            self._clear(attempt)
             self._start_what_fits()
+
+    def _clear(self, attempt: Attempt) -> None:
+        """Remove the files of an attempt, or put them where they are kept."""
+        request = attempt.request
+        if self._keep is not None:
+            attempt.paths.keep(self._keep, f"{request.kind}-{request.index}-{request.key[:8]}")
+        attempt.paths.remove()
 
     def _drop(self, item: _Item, error: BaseException) -> None:
         with self._lock:

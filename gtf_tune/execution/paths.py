@@ -1,5 +1,7 @@
 """The files of runs, and the removal of what a killed process left."""
 
+import contextlib
+import itertools
 import os
 import shutil
 import tempfile
@@ -44,6 +46,16 @@ class RunPaths:
     def remove(self) -> None:
         """Delete everything that the run has written."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+    def keep(self, place: Path, name: str) -> None:
+        """Move all files to a new folder of ``place``; a second one of that name gets a number."""
+        with contextlib.suppress(OSError):  # a full disk there costs no run
+            place.mkdir(parents=True, exist_ok=True)
+            numbers = itertools.count(2)
+            target = place / name
+            while target.exists():
+                target = place / f"{name}-{next(numbers)}"
+            shutil.move(self.folder, target)
 
     def read_log_tail(self) -> str:
         """Return the last 8 KiB of the log, or an empty text where there is none."""

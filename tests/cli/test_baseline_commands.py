@@ -100,3 +100,16 @@ def test_evaluate_fails_where_every_run_failed(cli: Cli, room: Path) -> None:
     command = ("evaluate", "room", "-p", "analytic", "-k", "1", "-K", "2", "-j", "1", "--noise-sigma", "5")
 
     assert cli(*command, "--setting", "failure=error").code == 1
+
+
+@pytest.mark.real_runs
+def test_evaluate_keeps_the_files_of_its_runs_where_it_is_asked_to(cli: Cli, room: Path, tmp_path: Path) -> None:
+    command = ("evaluate", "room", "-p", "analytic", "-k", "1", "-K", "2", "-j", "1", "--noise-sigma", "5")
+
+    said = cli(*command, "--keep", "files")
+
+    assert said.code == 0, said.err
+    kept = sorted(folder.name[:7] for folder in (tmp_path / "files").iterdir())
+    assert kept == ["clean-0", "noisy-0", "noisy-1"]
+    assert all((folder / "run.log").exists() for folder in (tmp_path / "files").iterdir())
+    assert "--keep files: that folder is not empty; give a new one" in cli(*command, "--keep", "files").err

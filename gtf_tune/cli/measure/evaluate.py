@@ -15,7 +15,7 @@ from gtf_tune.cli.measure.runs import (
     Seed,
     score_definition,
 )
-from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, NoCache, Nominal, Settings
+from gtf_tune.cli.parameters import CacheDir, Frames, Jobs, Json, Keep, NoCache, Nominal, Settings
 from gtf_tune.cli.sequence_flags import (
     CameraFlag,
     CameraGrouping,
@@ -56,6 +56,7 @@ def evaluate(
     storage: Annotated[
         str | None, typer.Option("--storage", help="Keep the runs here, and reuse those that are there already.")
     ] = None,
+    keep: Keep = None,
     json: Json = False,
 ) -> None:
     """Print the GTF ATE of one configuration on one sequence; nothing is stored unless a storage is given.
@@ -82,7 +83,7 @@ def evaluate(
     loaded = load_as_asked(sequence, selection, camera, fewest=FEWEST_FRAMES)
     say_notes(with_focal_prior(loaded, chosen), say)
     database = create_storage(storage) if storage else None
-    with make_executor(jobs or default_jobs(), cache_dir, no_cache=no_cache) as executor:
+    with make_executor(jobs or default_jobs(), cache_dir, no_cache=no_cache, keep=keep) as executor:
         found = evaluate_configuration(wanted, loaded, executor, say, database)
     if json:
         write_json(found.as_dict())
