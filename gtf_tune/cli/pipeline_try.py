@@ -20,7 +20,7 @@ from gtf_tune.cli.sequence_flags import (
 )
 from gtf_tune.cli.terminal.console import number, printable, say, write_pairs
 from gtf_tune.cli.values import parse_pairs
-from gtf_tune.errors import DefinitionError, RunError
+from gtf_tune.errors import RunError
 
 if TYPE_CHECKING:
     from gtf_tune.pipelines.run import RunOutcome

@@ -22,6 +22,7 @@ from gtf_tune.cli.parameters import (
 )
 from gtf_tune.cli.sequence_flags import CameraGrouping, Cameras
 from gtf_tune.cli.study.create import Pipeline, Range, parse_range
+from gtf_tune.cli.study.notes import say_disk
 from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, duration, say, write_line
 from gtf_tune.cli.values import parse_pairs, split_pairs
 
@@ -107,6 +108,7 @@ def tune(
         if tuning is None:
             return
         study = open_study(database, tuning.name)
+        say_disk(cache_dir)
         found = _tune_through(study, tuning, request, cache_dir, ends)
         _hand_over(study, found, folder, ends)
         _report(database, tuning.name, folder)

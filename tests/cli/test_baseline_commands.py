@@ -113,3 +113,14 @@ def test_evaluate_keeps_the_files_of_its_runs_where_it_is_asked_to(cli: Cli, roo
     assert kept == ["clean-0", "noisy-0", "noisy-1"]
     assert all((folder / "run.log").exists() for folder in (tmp_path / "files").iterdir())
     assert "--keep files: that folder is not empty; give a new one" in cli(*command, "--keep", "files").err
+
+
+def test_the_room_that_stages_may_take_is_said_before_runs(cli: Cli, room: Path, tmp_path: Path) -> None:
+    cli("study", "create", "small", "-p", "analytic", "-s", "room", "-v", "filter.max_error=0.01,0.003", "-n", "2")
+    cache = ("--cache-dir", "stages", "-j", "1")
+
+    said = [cli("study", "run", "small", *cache).err, cli("study", "confirm", "small", "--runs", "4", *cache).err]
+
+    place = f"for stages of runs in {tmp_path / 'stages'}, where "
+    assert all("disk: at most 20 GiB " in text and place in text.replace("\n", " ") for text in said)
+    assert "disk:" not in cli("study", "resume", "small", *cache, "--no-cache").err

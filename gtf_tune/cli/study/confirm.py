@@ -17,7 +17,7 @@ from gtf_tune.cli.parameters import (
     open_storage,
     storage_flag,
 )
-from gtf_tune.cli.study.notes import say_what_is_ahead, suggest_step
+from gtf_tune.cli.study.notes import say_disk, say_what_is_ahead, suggest_step
 from gtf_tune.cli.study.run import (
     Dashboard,
     Places,
@@ -75,6 +75,7 @@ def confirm(
     study = open_for_work(database, name, sequence, allow_version_mismatch)
     plan = plan_confirmation(study, place_folders(sequence), top=top, noisy_runs=runs, again=again)
     say_what_is_ahead(study, plan.num_runs, jobs or default_jobs())
+    say_disk(cache_dir)
     stop = StopRequest()
     with signals_to(stop, say), make_executor(jobs or default_jobs(), cache_dir) as executor:
         source = RunSource(database, executor, run_limits(study.definition.limits), stop, say_event, study.nominal_run)

@@ -1,6 +1,8 @@
 """Warn of what makes the outcome of a study doubtful, and suggest the next command."""
 
+import shutil
 from collections.abc import Collection
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from gtf_tune.cli.parameters import storage_flag
@@ -54,6 +56,15 @@ def say_what_is_ahead(study: "OpenStudy", runs_ahead: int, jobs: int) -> None:
         return
     seconds = runs_ahead * cost.made_s / cost.made / jobs
     say(f"{count(runs_ahead, 'run')} to make, about {duration(seconds)} ({jobs} at a time)")
+
+
+def say_disk(cache_dir: Path | None) -> None:
+    """Say on stderr where stages of runs are kept, how much room they may take, and how much there is."""
+    from gtf_tune.execution import StageCache, private_cache_folder
+
+    cache = StageCache(private_cache_folder(cache_dir))
+    limit, free = cache.limit_bytes / 2**30, shutil.disk_usage(cache.folder).free / 2**30
+    say(f"disk: at most {limit:.0f} GiB for stages of runs in {cache.folder}, where {free:.0f} GiB are free")
 
 
 def _option_costs(study: "OpenStudy") -> list[str]:

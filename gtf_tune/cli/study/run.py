@@ -19,7 +19,7 @@ from gtf_tune.cli.parameters import (
     open_storage,
     storage_flag,
 )
-from gtf_tune.cli.study.notes import runs_of_search, say_what_is_ahead, suggest_outcome, warn_of_lost_frames
+from gtf_tune.cli.study.notes import runs_of_search, say_disk, say_what_is_ahead, suggest_outcome, warn_of_lost_frames
 from gtf_tune.cli.terminal.console import INTERRUPTED_EXIT_CODE, say
 from gtf_tune.cli.values import split_pairs
 
@@ -83,6 +83,8 @@ def run(
     _change_sampler(database, name, sampler)
     study = open_for_work(database, name, sequence, allow_version_mismatch)
     say_what_is_ahead(study, runs_of_search(study), jobs or default_jobs())
+    if executor == "local" and not no_cache:
+        say_disk(cache_dir)
     work_on(
         study,
         make_executor(jobs or default_jobs(), cache_dir, executor, no_cache=no_cache),
@@ -128,6 +130,8 @@ def resume(
         say(kept)
     reopen_study(database, name)
     say_what_is_ahead(study, runs_of_search(study), jobs or default_jobs())
+    if executor == "local" and not no_cache:
+        say_disk(cache_dir)
     work_on(
         study,
         make_executor(jobs or default_jobs(), cache_dir, executor, no_cache=no_cache),
