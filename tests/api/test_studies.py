@@ -232,10 +232,10 @@ def test_panels_of_the_report_are_figures(done: gtf.Study, panel: str) -> None:
 
 
 def test_a_figure_of_a_panel_is_chosen_by_its_name(done: gtf.Study) -> None:
-    assert done.plot("options", "filter.max_error").layout.xaxis.title.text == "filter.max_error"
+    assert done.plot("options", "filter.max_error").layout.xaxis.title.text == "max_error"
     with pytest.raises(gtf.GtfTuneError, match="has the figures 'option filter"):
         done.plot("options", "robust.scale")
-    with pytest.raises(gtf.GtfTuneError, match="there is no panel 'opions'; panels are verdict, options"):
+    with pytest.raises(gtf.GtfTuneError, match="there is no panel 'opions'; panels are verdict, models, options"):
         done.plot("opions")
 
 

@@ -58,7 +58,7 @@ def tune(folder: Path, phase: str = "", number: signal.Signals = signal.SIGKILL,
         say(text)
         sys.stderr.flush()
         if phase and text.startswith(phase):
-            os.kill(os.getpid(), number)
+            signal.raise_signal(number)  # sent to the process, another thread may take it, and later
 
     command.say = tune_progress.say = disturbed  # type: ignore[attr-defined]
     if inline:
