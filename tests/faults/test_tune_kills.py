@@ -52,6 +52,7 @@ def tune(folder: Path, phase: str = "", number: signal.Signals = signal.SIGKILL,
 
     os.setsid()
     os.chdir(folder)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where the tests run in the background
     say = command.say
 
     def disturbed(text: str) -> None:
