@@ -109,10 +109,8 @@ def check(
     loaded = load_sequence(sequence, fewest=FEWEST_FRAMES)
     with _runs(storage, jobs) as source:
         if like is None:
-            nominal, score = (
-                read_system(pipeline, settings=settings),
-                section_from_dict(GtfDefinition, gtf or {}, "gtf"),
-            )
+            nominal = read_system(pipeline, settings=settings)
+            score = section_from_dict(GtfDefinition, gtf or {}, "gtf")
         else:
             nominal, checked, score = systems_like(source.database, like, None)
         if options is not None:

@@ -7,14 +7,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import cv2
-
-from gtf_tune.errors import DefinitionError, MachineError, RunError
+from gtf_tune.errors import DefinitionError, RunError
 from gtf_tune.pipelines.base import PipelineJob
 from gtf_tune.pipelines.command.camera import camera_values
 from gtf_tune.pipelines.command.definition import CommandDefinition, FileDefinition, ImagesDefinition, Scalar
 from gtf_tune.pipelines.command.resolution import ResolvedCommand
-from gtf_tune.pipelines.command.sequence_folder import uses_sequence, write_sequence
+from gtf_tune.pipelines.command.sequence_folder import uses_sequence, write_image, write_sequence
 from gtf_tune.pipelines.command.settings_files import format_of, write_values
 from gtf_tune.pipelines.command.templates import NoValueError, Value, filled
 from gtf_tune.pipelines.options import OptionValue
@@ -132,14 +130,7 @@ def _images(images: ImagesDefinition, job: PipelineJob, names: tuple[str, ...]) 
 
 def _write_images(folder: Path, job: PipelineJob, names: tuple[str, ...]) -> None:
     for name, frame in zip(names, job.images.sequence.frames, strict=True):
-        path = folder / name
-        coded, data = cv2.imencode(path.suffix, job.images.read(frame))
-        try:  # not by OpenCV, which crashes over names that are no UTF-8
-            path.write_bytes(data.tobytes() if coded else b"")
-        except OSError as error:
-            raise MachineError(
-                f"{path}: cannot write the image ({error.strerror}); make room or choose another folder for the cache"
-            ) from error
+        write_image(folder / name, job.images.read(frame))
 
 
 def _link(link: Path, target: Path) -> None:

@@ -67,7 +67,7 @@ def write_sequence(definition: CommandDefinition, job: PipelineJob, folder: Path
 def _write_images(names: SequenceFilesDefinition, job: PipelineJob, target: Path) -> None:
     source = job.images
     for frame in source.sequence.frames:
-        _write(target / _place(source.sequence, frame.path), source.read(frame))
+        write_image(target / _place(source.sequence, frame.path), source.read(frame))
     read = read_grey if source.channels == 1 else read_colour
     for number, name in enumerate(names.noisy, 1):
         for position, path in enumerate(_files_in(_found(source.sequence, name))):
@@ -75,20 +75,29 @@ def _write_images(names: SequenceFilesDefinition, job: PipelineJob, target: Path
             pixels = noisy_image(
                 read(path), source.sigma, seed=source.seed, frame_id=number * _FOLDER_STRIDE + position
             )
-            _write(place, pixels)
+            write_image(place, pixels)
 
 
-def _write(path: Path, pixels: "cv2.typing.MatLike") -> None:
+def write_image(path: Path, pixels: "cv2.typing.MatLike") -> None:
+    """Write an image in the format that its name ends in; not by OpenCV, which crashes over names that are no UTF-8.
+
+    Raises
+    ------
+    RunError
+        OpenCV cannot write that format.
+    MachineError
+        The disk is full or the folder cannot be written to.
+    """
     try:
         coded, data = cv2.imencode(path.suffix, pixels)
     except cv2.error as error:
-        raise RunError(f"{path.name}: {{sequence}} cannot have images of this format; convert them to PNG") from error
+        raise RunError(f"{path.name}: images of this format cannot be written; convert them to PNG") from error
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data.tobytes() if coded else b"")
     except OSError as error:
         raise MachineError(
-            f"{path}: cannot write the image ({error.strerror}); make room or free the folder"
+            f"{path}: cannot write the image ({error.strerror}); make room or choose another folder for the cache"
         ) from error
 
 
